@@ -1,0 +1,1 @@
+"""THE MEASUREMENT: what runs on the robot; it never sees the truth."""

@@ -1,0 +1,1 @@
+"""Where the sensor is: travel from the encoders, roll from the IMU."""

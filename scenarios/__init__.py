@@ -1,0 +1,1 @@
+"""THE BENCH: scenario files, run, score, report, command line."""

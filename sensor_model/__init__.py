@@ -1,0 +1,1 @@
+"""THE SENSOR: truth in, measurements out."""

@@ -1,0 +1,141 @@
+"""The mathematics that every room may use: frames, the angle around the wall, cones and the fisheye."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+GRAVITY_M_S2 = 9.80665
+FISHEYE_NEWTON_STEPS = 8
+
+
+def wall_angle_rad(x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
+    """Angle around the wall in [0, 2 pi): 0 at 12 o'clock, growing clockwise seen along +z (x right, y down)."""
+    return np.mod(np.arctan2(x, -np.asarray(y, dtype=float)), 2 * np.pi)
+
+
+def wall_direction(theta_rad: np.ndarray | float) -> Float[np.ndarray, "*batch 3"]:
+    """Unit vector from the pipe's axis towards the wall at an angle around it (inverse of `wall_angle_rad`)."""
+    theta = np.asarray(theta_rad, dtype=float)
+    return np.stack([np.sin(theta), -np.cos(theta), np.zeros_like(theta)], axis=-1)
+
+
+def wrap_rad(angle_rad: np.ndarray | float) -> np.ndarray:
+    """The same angle in [-pi, pi)."""
+    return np.mod(np.asarray(angle_rad, dtype=float) + np.pi, 2 * np.pi) - np.pi
+
+
+def clock_position(theta_rad: float) -> str:
+    """Angle around the wall as the trade writes it, h:mm (twelve hours are one turn)."""
+    minutes = round(float(np.mod(theta_rad, 2 * np.pi)) / (2 * np.pi) * 720) % 720
+    return f"{minutes // 60 or 12}:{minutes % 60:02d}"
+
+
+def transform(
+    rotation: Float[np.ndarray, "*batch 3 3"], translation_mm: Float[np.ndarray, "*batch 3"]
+) -> Float[np.ndarray, "*batch 4 4"]:
+    """Homogeneous `T_a_b` from `R_a_b` and b's origin in a, mm."""
+    T_a_b = np.zeros((*rotation.shape[:-2], 4, 4))
+    T_a_b[..., :3, :3] = rotation
+    T_a_b[..., :3, 3] = translation_mm
+    T_a_b[..., 3, 3] = 1.0
+    return T_a_b
+
+
+def inverse(T_a_b: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, "*batch 4 4"]:
+    """`T_b_a` of a rigid `T_a_b`."""
+    R_b_a = np.swapaxes(T_a_b[..., :3, :3], -1, -2)
+    return transform(R_b_a, -np.einsum("...ij,...j->...i", R_b_a, T_a_b[..., :3, 3]))
+
+
+def apply(T_a_b: Float[np.ndarray, "4 4"], points_b_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Points given in b's coordinates, in a's."""
+    return points_b_mm @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def rotation_from_wxyz(q_wxyz: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Rotation matrices from quaternions w, x, y, z; they are normalised first.
+
+    Raises:
+        ValueError: where a quaternion has no length.
+    """
+    return Rotation.from_quat(np.asarray(q_wxyz)[..., [1, 2, 3, 0]]).as_matrix()
+
+
+def wxyz_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
+    """Quaternions w, x, y, z with w >= 0."""
+    return Rotation.from_matrix(rotation).as_quat(canonical=True)[..., [3, 0, 1, 2]]
+
+
+def twist_about_z_rad(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch"]:
+    """Turn about z of a rotation written as swing * twist (exact for any tilt below 180 degrees)."""
+    q = wxyz_from_rotation(rotation)
+    return wrap_rad(2 * np.arctan2(q[..., 3], q[..., 0]))
+
+
+def swing_onto(direction_from: Float[np.ndarray, "3"], direction_to: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """The smallest rotation that carries one unit vector onto another.
+
+    Raises:
+        ValueError: for opposite vectors, which leave the rotation's axis open.
+    """
+    axis = np.cross(direction_from, direction_to)
+    cosine = float(np.dot(direction_from, direction_to))
+    if cosine < -1 + 1e-12:
+        raise ValueError("opposite directions leave the axis of the smallest rotation open")
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + K + K @ K / (1 + cosine)
+
+
+def fisheye_project(
+    points_camera_mm: Float[np.ndarray, "*batch 3"], intrinsics: Float[np.ndarray, "9"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Pixels (u, v) of points in the camera frame, by the Kannala-Brandt model as OpenCV has it.
+
+    Args:
+        points_camera_mm: OpenCV camera axes: z forward, x right, y down.
+        intrinsics: fx, fy, skew, cx, cy (px), k1 .. k4. The skew multiplies y and adds to u, in px.
+    """
+    fx, fy, skew, cx, cy, k1, k2, k3, k4 = intrinsics
+    x, y, z = np.moveaxis(np.asarray(points_camera_mm, dtype=float), -1, 0)
+    rho = np.hypot(x, y)
+    theta = np.arctan2(rho, z)
+    t2 = theta * theta
+    theta_d = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+    scale = np.divide(theta_d, rho, out=np.zeros_like(rho), where=rho > 0)
+    return np.stack([fx * scale * x + skew * scale * y + cx, fy * scale * y + cy], axis=-1)
+
+
+def fisheye_rays(
+    pixels: Float[np.ndarray, "*batch 2"], intrinsics: Float[np.ndarray, "9"]
+) -> Float[np.ndarray, "*batch 3"]:
+    """Unit rays in the camera frame of pixels (u, v): the inverse of `fisheye_project` by Newton's method."""
+    fx, fy, skew, cx, cy, k1, k2, k3, k4 = intrinsics
+    u, v = np.moveaxis(np.asarray(pixels, dtype=float), -1, 0)
+    b = (v - cy) / fy
+    a = (u - cx - skew * b) / fx
+    theta_d = np.hypot(a, b)
+    theta = np.minimum(theta_d, np.pi / 2)
+    for _ in range(FISHEYE_NEWTON_STEPS):
+        t2 = theta * theta
+        value = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) - theta_d
+        slope = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+        theta = theta - value / slope
+    scale = np.divide(np.sin(theta), theta_d, out=np.ones_like(theta), where=theta_d > 0)
+    return np.stack([a * scale, b * scale, np.cos(theta)], axis=-1)
+
+
+def half_angle_rad(
+    points_camera_mm: Float[np.ndarray, "*batch 3"], apex_mm: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "*batch"]:
+    """Angle between the projector's axis and the line from its apex to each point."""
+    ray = points_camera_mm - apex_mm
+    along = ray @ axis
+    across = np.linalg.norm(ray - along[..., None] * axis, axis=-1)
+    return np.arctan2(across, along)
+
+
+def cone_frame(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """`R_camera_projector`: the smallest rotation that carries the camera's z onto the projector's axis."""
+    return swing_onto(np.array([0.0, 0.0, 1.0]), axis / np.linalg.norm(axis))

@@ -1,0 +1,154 @@
+"""What the measurement believes of the sensor: camera, projector cones and colours, IMU mount, wheels."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sensor_model.geometry import cone_frame, rotation_from_wxyz, transform
+
+Color = Literal["R", "Y", "B"]
+Vector3 = tuple[float, float, float]
+
+
+class Settings(BaseModel):
+    """Frozen settings that refuse a misspelt key, a non-number and an infinity."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Camera(Settings):
+    """Kannala-Brandt fisheye as OpenCV has it; pixel centres at integers."""
+
+    width_px: Annotated[int, Field(ge=64, le=8192)] = 1664
+    height_px: Annotated[int, Field(ge=64, le=8192)] = 1232
+    fx_px: Annotated[float, Field(gt=0)] = 588.673
+    fy_px: Annotated[float, Field(gt=0)] = 588.511
+    skew_px: float = 0.661
+    cx_px: float = 817.866
+    cy_px: float = 609.376
+    k1: float = 0.04699
+    k2: float = -0.00892
+    k3: float = -0.00045
+    k4: float = 0.00277
+
+    @cached_property
+    def intrinsics(self) -> Float[np.ndarray, "9"]:
+        """fx, fy, skew, cx, cy, k1 .. k4, as `geometry.fisheye_project` takes them."""
+        return np.array(
+            [self.fx_px, self.fy_px, self.skew_px, self.cx_px, self.cy_px, self.k1, self.k2, self.k3, self.k4]
+        )
+
+
+class Slit(Settings):
+    """One dark slit between two colour bands: a cone of light that is missing."""
+
+    name: Annotated[str, Field(pattern="^[RYB][RYB]$")]
+    half_angle_deg: Annotated[float, Field(gt=1, lt=80)]
+
+
+class Projector(Settings):
+    """Concentric colour bands with dark slits between them; every slit is a cone about one axis from one apex."""
+
+    apex_mm: Vector3 = (0.0, 0.0, -53.0)
+    axis: Vector3 = (0.0, 0.0, 1.0)
+    slits: tuple[Slit, ...] = (
+        Slit(name="BB", half_angle_deg=19.19),
+        Slit(name="BY", half_angle_deg=21.43),
+        Slit(name="YY", half_angle_deg=23.99),
+        Slit(name="YR", half_angle_deg=26.58),
+        Slit(name="RR", half_angle_deg=28.99),
+        Slit(name="RB", half_angle_deg=32.4),
+        Slit(name="BR", half_angle_deg=34.6),
+        Slit(name="RY", half_angle_deg=36.9),
+    )
+    slit_width_deg: Annotated[float, Field(gt=0, le=2)] = 0.45
+    inner_half_angle_deg: Annotated[float, Field(gt=0)] = 17.0
+    outer_half_angle_deg: Annotated[float, Field(lt=80)] = 39.2
+    strut_clock_deg: float = 0.0
+    strut_width_deg: Annotated[float, Field(ge=0, lt=180)] = 37.0
+    strut_softness_deg: Annotated[float, Field(ge=0, lt=20)] = 2.0
+    housing_radius_mm: Annotated[float, Field(ge=0)] = 15.0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Projector:
+        angles = [self.inner_half_angle_deg, *(s.half_angle_deg for s in self.slits), self.outer_half_angle_deg]
+        if any(b - a <= self.slit_width_deg for a, b in zip(angles, angles[1:], strict=False)):
+            raise ValueError("slits must go outward, further apart than slit_width_deg, inside the inner and outer angle")
+        names = [s.name for s in self.slits]
+        if any(a[1] != b[0] for a, b in zip(names, names[1:], strict=False)):
+            raise ValueError("a slit's outer colour must be the next slit's inner colour")
+        if len(set(names)) != len(names):
+            raise ValueError("two slits with the same colour pair cannot be told apart")
+        return self
+
+    @property
+    def band_colors(self) -> str:
+        """Colour of each band from the inside out, one letter each; one more than there are slits."""
+        return self.slits[0].name[0] + "".join(s.name[1] for s in self.slits)
+
+    @cached_property
+    def slit_half_angles_rad(self) -> Float[np.ndarray, "slits"]:
+        """Half angle of every slit's centre line."""
+        return np.radians([s.half_angle_deg for s in self.slits])
+
+    @cached_property
+    def T_camera_projector(self) -> Float[np.ndarray, "4 4"]:
+        """Projector frame: origin at the apex, z along the axis, x and y as near the camera's as can be."""
+        return transform(cone_frame(np.array(self.axis)), np.array(self.apex_mm))
+
+
+class ImuMount(Settings):
+    """Where the IMU sits, as seen from the camera."""
+
+    position_camera_mm: Vector3 = (0.0, 0.0, -60.0)
+    q_camera_imu_wxyz: tuple[float, float, float, float] = (0.7071067811865476, 0.0, 0.0, 0.7071067811865476)
+
+    @cached_property
+    def R_camera_imu(self) -> Float[np.ndarray, "3 3"]:
+        """R_cal of section 3.2.1: carries IMU coordinates to the camera's."""
+        return rotation_from_wxyz(np.array(self.q_camera_imu_wxyz))
+
+
+class Wheels(Settings):
+    """The encoder wheels: what Eq. 25 needs of them."""
+
+    diameters_mm: tuple[Annotated[float, Field(gt=0)], ...] = (38.0, 38.0, 38.0)
+    counts_per_turn: Annotated[int, Field(gt=0)] = 16884  # 7 PPR x 4 x 603 (section 3.3)
+
+
+class Rig(Settings):
+    """One sensor, calibrated; in a run the true one makes the pictures and the nominal one goes with the recording."""
+
+    camera: Camera = Camera()
+    projector: Projector = Projector()
+    imu: ImuMount = ImuMount()
+    wheels: Wheels = Wheels()
+
+
+def save_rig(rig: Rig, path: Path) -> None:
+    """Write a rig as YAML."""
+    from ruamel.yaml import YAML
+
+    with path.open("w") as file:
+        YAML(typ="safe", pure=True).dump(rig.model_dump(mode="json"), file)
+
+
+def load_rig(path: Path) -> Rig:
+    """Read a rig from YAML.
+
+    Raises:
+        ValueError: with the file's name, when the file is no rig.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        return Rig.model_validate(YAML(typ="safe", pure=True).load(path.read_text()))
+    except (YAMLError, ValueError, TypeError) as error:
+        raise ValueError(f"{path}: not a rig: {error}") from error

@@ -1,0 +1,1 @@
+"""THE WORLD, which knows the truth: pipe, robot, and what really happened."""

@@ -1,0 +1,28 @@
+"""The feature families of a wall: one file each, one line here in the dictionary and one in the compiled chain."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from numba import njit
+from pydantic import Field
+
+from twin.features import pit, pocket, scratch
+from twin.features.pit import Pit
+from twin.features.pocket import Pocket
+from twin.features.scratch import Scratch
+
+FAMILIES = {"pocket": Pocket, "pit": Pit, "scratch": Scratch}
+CODES = {kind: code for code, kind in enumerate(FAMILIES)}
+
+AnyFeature = Annotated[Pocket | Pit | Scratch, Field(discriminator="kind")]
+
+
+@njit(cache=True)
+def feature_depth_mm(code, dz, arc, row, inner_radius):
+    """Depth of one feature, mm; `code` counts the families in the dictionary's order."""
+    if code == 0:
+        return pocket.depth_mm(dz, arc, row, inner_radius)
+    if code == 1:
+        return pit.depth_mm(dz, arc, row, inner_radius)
+    return scratch.depth_mm(dz, arc, row, inner_radius)

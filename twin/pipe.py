@@ -1,0 +1,156 @@
+"""The pipe: one exact wall radius r(theta, z), from which mesh, wheel contact, pictures and scoring are all made."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numba import njit
+from pydantic import Field, model_validator
+
+from twin.features import CODES, AnyFeature, feature_depth_mm
+from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z, ROW_LENGTH
+from twin.settings import ClockDeg, Settings
+
+INCH_MM = 25.4
+
+# (material, wall series) -> {nominal size, inch: (outer diameter, minimum wall), inch}.
+# PVC: ASTM D1785, Schedule 40. PE: ASTM D2513 / F714 iron-pipe sizes; wall = outer diameter / SDR.
+IPS_OUTER_IN = {4: 4.500, 6: 6.625, 8: 8.625}
+CATALOGUE: dict[tuple[str, str], dict[int, tuple[float, float]]] = {
+    ("PVC", "Sch 40"): {4: (4.500, 0.237), 6: (6.625, 0.280), 8: (8.625, 0.322)},
+    ("PE", "SDR 11"): {size: (od, od / 11) for size, od in IPS_OUTER_IN.items()},
+    ("PE", "SDR 13.5"): {size: (od, od / 13.5) for size, od in IPS_OUTER_IN.items()},
+}
+
+
+class Standard(Settings):
+    """A pipe by its trade name."""
+
+    material: Literal["PVC", "PE"]
+    series: Literal["Sch 40", "SDR 11", "SDR 13.5"]
+    nominal_size_in: Literal[4, 6, 8]
+
+    @model_validator(mode="after")
+    def _in_catalogue(self) -> Standard:
+        if (self.material, self.series) not in CATALOGUE:
+            raise ValueError(f"the catalogue has {', '.join(' '.join(key) for key in CATALOGUE)}")
+        return self
+
+    @property
+    def outer_and_wall_mm(self) -> tuple[float, float]:
+        """Outer diameter and minimum wall."""
+        outer, wall = CATALOGUE[self.material, self.series][self.nominal_size_in]
+        return outer * INCH_MM, wall * INCH_MM
+
+
+class Wall(NamedTuple):
+    """The pipe as compiled code reads it."""
+
+    inner_radius: float
+    outer_radius: float
+    ovality: float
+    ovality_phase: float
+    codes: np.ndarray
+    rows: np.ndarray
+
+
+class Pipe(Settings):
+    """A straight pipe along z with what is carved into its wall.
+
+    Its bore comes from a `standard` or from `inner_radius_mm` and `wall_thickness_mm`. A feature that takes the whole
+    wall shows its opaque backing when `backed`, and is a hole that returns no light when not.
+    """
+
+    standard: Standard | None = None
+    inner_radius_mm: Annotated[float, Field(gt=5)] | None = None
+    wall_thickness_mm: Annotated[float, Field(gt=0)] | None = None
+    start_mm: float = -400.0
+    end_mm: float = 900.0
+    ovality_pct: Annotated[float, Field(ge=0, le=20)] = 0.0
+    ovality_clock_deg: ClockDeg = 0.0
+    inclination_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
+    backed: bool = True
+    features: tuple[AnyFeature, ...] = Field(default=(), max_length=10_000)
+
+    @model_validator(mode="after")
+    def _bore_is_stated_once(self) -> Pipe:
+        plain = (self.inner_radius_mm, self.wall_thickness_mm)
+        if (self.standard is None) == (None in plain) or (self.standard is not None and plain != (None, None)):
+            raise ValueError("give either standard, or both inner_radius_mm and wall_thickness_mm")
+        if self.end_mm <= self.start_mm:
+            raise ValueError(f"end_mm must lie beyond start_mm, {self.start_mm}")
+        return self
+
+    @cached_property
+    def bore_radius_mm(self) -> float:
+        """Nominal inner radius."""
+        if self.standard is not None:
+            outer, wall = self.standard.outer_and_wall_mm
+            return outer / 2 - wall
+        assert self.inner_radius_mm is not None  # noqa: S101  the validator saw to it
+        return self.inner_radius_mm
+
+    @cached_property
+    def wall_mm(self) -> float:
+        """Nominal wall thickness."""
+        if self.standard is not None:
+            return self.standard.outer_and_wall_mm[1]
+        assert self.wall_thickness_mm is not None  # noqa: S101  the validator saw to it
+        return self.wall_thickness_mm
+
+    @property
+    def outer_radius_mm(self) -> float:
+        """Nominal outer radius."""
+        return self.bore_radius_mm + self.wall_mm
+
+    @property
+    def length_mm(self) -> float:
+        """Length from end to end."""
+        return self.end_mm - self.start_mm
+
+    @cached_property
+    def wall(self) -> Wall:
+        """The pipe as `wall_radius_mm` and other compiled code read it."""
+        rows = np.array([feature.row() for feature in self.features]).reshape(-1, ROW_LENGTH)
+        codes = np.array([CODES[feature.kind] for feature in self.features], dtype=np.int64)
+        phase = float(np.radians(self.ovality_clock_deg))
+        return Wall(self.bore_radius_mm, self.outer_radius_mm, self.ovality_pct / 200, phase, codes, rows)
+
+    def radius(self, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Float[np.ndarray, "*batch"]:
+        """Distance from the axis to the wall: THE definition of this pipe, mm; arguments broadcast."""
+        theta, z = np.broadcast_arrays(np.asarray(theta_rad, dtype=float), np.asarray(z_mm, dtype=float))
+        return _radii(self.wall, theta.ravel(), z.ravel()).reshape(theta.shape)
+
+    def through(self, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Bool[np.ndarray, "*batch"]:
+        """Where the wall is gone and nothing backs it, which a radius cannot express."""
+        radius = self.radius(theta_rad, z_mm)
+        return np.zeros(radius.shape, dtype=bool) if self.backed else radius >= self.outer_radius_mm - 1e-6
+
+
+@njit(cache=True)
+def wall_radius_mm(wall, theta, z):
+    """Distance from the axis to the wall at one place, mm."""
+    bore = wall.inner_radius * (1.0 + wall.ovality * np.cos(2.0 * (theta - wall.ovality_phase)))
+    depth = 0.0
+    for i in range(wall.codes.size):
+        row = wall.rows[i]
+        dz = z - row[CENTER_Z]
+        if abs(dz) > row[HALF_BOX_Z]:
+            continue
+        turn = theta - row[CENTER_THETA]
+        arc = wall.inner_radius * (turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
+        if abs(arc) > row[HALF_BOX_ARC]:
+            continue
+        depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, row, wall.inner_radius))
+    return min(bore + depth, wall.outer_radius)
+
+
+@njit(cache=True)
+def _radii(wall, theta, z):
+    out = np.empty(theta.size)
+    for i in range(theta.size):
+        out[i] = wall_radius_mm(wall, theta[i], z[i])
+    return out

@@ -1,0 +1,92 @@
+"""What really happened: the noise-free record of one drive through one pipe, sealed from the measurement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from sensor_model.geometry import rotation_from_wxyz, transform
+from twin.pipe import Pipe
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Motion of the camera and the wheels at the physics rate; the camera frame is the sensor's.
+
+    Velocities and accelerations are those of the camera's origin in the pipe frame; gravity is not in them.
+    `wheel_angle_rad` is the turn of each encoder's wheel since the start, `slip_mm_s` its rim speed over the wall less
+    the travel speed (a prescribed path has none).
+    """
+
+    pipe: Pipe
+    time_s: Float[np.ndarray, "n"]
+    position_mm: Float[np.ndarray, "n 3"]
+    q_pipe_camera_wxyz: Float[np.ndarray, "n 4"]
+    acceleration_mm_s2: Float[np.ndarray, "n 3"]
+    angular_velocity_camera_rad_s: Float[np.ndarray, "n 3"]
+    wheel_angle_rad: Float[np.ndarray, "n wheels"]
+    slip_mm_s: Float[np.ndarray, "n wheels"]
+
+    def pose_at(self, time_s: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m 4 4"]:
+        """`T_pipe_camera` at given times, cubic between samples for position and slerp for attitude.
+
+        Raises:
+            ValueError: for a time outside the drive.
+        """
+        if np.min(time_s) < self.time_s[0] or np.max(time_s) > self.time_s[-1]:
+            raise ValueError(f"times from {self.time_s[0]} to {self.time_s[-1]} s only")
+        rotation = Slerp(self.time_s, Rotation.from_quat(self.q_pipe_camera_wxyz[:, [1, 2, 3, 0]]))(time_s)
+        return transform(rotation.as_matrix(), CubicSpline(self.time_s, self.position_mm)(time_s))
+
+
+ARRAYS = [field.name for field in fields(Truth) if field.name != "pipe"]
+
+
+def gravity_direction(pipe: Pipe) -> Float[np.ndarray, "3"]:
+    """Unit vector of gravity in the pipe frame: +y when level, towards +z downhill."""
+    slope = np.radians(pipe.inclination_deg)
+    return np.array([0.0, np.cos(slope), np.sin(slope)])
+
+
+def save_truth(truth: Truth, folder: Path) -> None:
+    """Write `truth.npz` and `pipe.json` into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(folder / "truth.npz", **{name: getattr(truth, name) for name in ARRAYS})
+    (folder / "pipe.json").write_text(truth.pipe.model_dump_json(indent=1))
+
+
+def load_truth(folder: Path) -> Truth:
+    """Read what `save_truth` wrote."""
+    pipe = Pipe.model_validate_json((folder / "pipe.json").read_text())
+    with np.load(folder / "truth.npz", allow_pickle=False) as arrays:
+        return Truth(pipe=pipe, **{name: arrays[name] for name in ARRAYS})
+
+
+def from_path(
+    pipe: Pipe,
+    time_s: Float[np.ndarray, "n"],
+    position_mm: Float[np.ndarray, "n 3"],
+    q_pipe_camera_wxyz: Float[np.ndarray, "n 4"],
+    wheel_angle_rad: Float[np.ndarray, "n wheels"],
+) -> Truth:
+    """The truth of a prescribed path: velocities and accelerations are its derivatives."""
+    velocity = np.gradient(position_mm, time_s, axis=0, edge_order=2)
+    rotation = rotation_from_wxyz(q_pipe_camera_wxyz)
+    step = Rotation.from_matrix(np.swapaxes(rotation[:-1], -1, -2) @ rotation[1:]).as_rotvec()
+    rate = step / np.diff(time_s)[:, None]
+    middle = np.vstack([rate[:1], 0.5 * (rate[:-1] + rate[1:]), rate[-1:]])
+    return Truth(
+        pipe=pipe,
+        time_s=time_s,
+        position_mm=position_mm,
+        q_pipe_camera_wxyz=q_pipe_camera_wxyz,
+        acceleration_mm_s2=np.gradient(velocity, time_s, axis=0, edge_order=2),
+        angular_velocity_camera_rad_s=middle,
+        wheel_angle_rad=wheel_angle_rad,
+        slip_mm_s=np.zeros_like(wheel_angle_rad),
+    )
