@@ -8,18 +8,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from sensor_model.geometry import cone_frame, rotation_from_wxyz, transform
+from sensor_model.settings import Settings
 
 Color = Literal["R", "Y", "B"]
 Vector3 = tuple[float, float, float]
-
-
-class Settings(BaseModel):
-    """Frozen settings that refuse a misspelt key, a non-number and an infinity."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Camera(Settings):

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from twin.features import CODES, AnyFeature, feature_depth_mm
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z, ROW_LENGTH
-from twin.settings import ClockDeg, Settings
+from sensor_model.settings import ClockDeg, Settings
 
 INCH_MM = 25.4
 

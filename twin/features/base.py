@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from twin.settings import ClockDeg, Settings
+from sensor_model.settings import ClockDeg, Settings
 
 ROW_LENGTH = 10
 CENTER_Z, CENTER_THETA, HALF_BOX_Z, HALF_BOX_ARC, FIRST_OWN = range(5)

@@ -1,4 +1,4 @@
-"""The manner of every settings object in the twin: frozen, typos refused, units in names."""
+"""The manner of every settings object: frozen, typos refused, units in names, a clock position understood."""
 
 from __future__ import annotations
 
