@@ -1,0 +1,50 @@
+"""A scenario: everything that defines one run, frozen; the same scenario and seed give the same bytes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from algorithms.method import Method
+from sensor_model.rig import Rig
+from sensor_model.sense import Sensing
+from sensor_model.settings import Settings
+from twin.drives import AnyDrive
+from twin.pipe import Pipe
+from twin.robot import Robot
+
+
+class Scenario(Settings):
+    """Pipe, robot, drive, rig, sensing, method, seed.
+
+    `rig` is the nominal one, which goes with the recording and which the measurement believes. `true_rig` states only
+    what really is different (a calibration error); the rest is as in `rig`.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    why: Annotated[str, Field(max_length=400)]
+    pipe: Pipe
+    robot: Robot = Robot()
+    drive: AnyDrive
+    rig: Rig = Rig()
+    true_rig: Rig | None = None
+    sensing: Sensing = Sensing()
+    method: Method = Method()
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _true_rig_over_rig(cls, data: Any) -> Any:
+        if not (isinstance(data, dict) and isinstance(data.get("true_rig"), dict)):
+            return data
+        base = Rig.model_validate(data.get("rig", {})).model_dump()
+        return {**data, "true_rig": _merged(base, data["true_rig"])}
+
+
+def _merged(base: dict, changes: dict) -> dict:
+    both = dict(base)
+    for key, value in changes.items():
+        nested = isinstance(value, dict) and isinstance(both.get(key), dict)
+        both[key] = _merged(both[key], value) if nested else value
+    return both

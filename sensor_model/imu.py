@@ -1,0 +1,120 @@
+"""The IMU: angular rate and specific force at its mount, and the attitude that the device itself reports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float, Int
+from pydantic import Field
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from sensor_model.geometry import GRAVITY_M_S2, wxyz_from_rotation
+from sensor_model.rig import ImuMount
+from sensor_model.settings import Settings
+from twin.truth import Truth, gravity_direction
+
+NonNegative = Annotated[float, Field(ge=0)]
+
+
+class ImuNoise(Settings):
+    """Errors of the IMU under Kalibr's names and units (continuous time); every one has a zero.
+
+    `attitude_*` describe the device's own fused quaternion: white noise, and a slow drift with a correlation time;
+    `quaternion_rounding` is the step to which it is logged (0.01 in the real log; 0 for none).
+    """
+
+    update_rate: Annotated[float, Field(gt=1, le=1000)] = 100.0
+    gyroscope_noise_density: NonNegative = 2.4e-4
+    gyroscope_random_walk: NonNegative = 5.0e-5
+    gyroscope_bias_deg_s: NonNegative = 0.1
+    accelerometer_noise_density: NonNegative = 1.5e-3
+    accelerometer_random_walk: NonNegative = 5.0e-4
+    accelerometer_bias_m_s2: NonNegative = 0.02
+    attitude_noise_deg: NonNegative = 0.05
+    attitude_drift_deg: NonNegative = 0.2
+    attitude_drift_time_s: Annotated[float, Field(gt=0)] = 20.0
+    quaternion_rounding: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+
+
+NO_IMU_NOISE = ImuNoise(
+    gyroscope_noise_density=0,
+    gyroscope_random_walk=0,
+    gyroscope_bias_deg_s=0,
+    accelerometer_noise_density=0,
+    accelerometer_random_walk=0,
+    accelerometer_bias_m_s2=0,
+    attitude_noise_deg=0,
+    attitude_drift_deg=0,
+)
+
+
+@dataclass(frozen=True)
+class ImuLog:
+    """What the IMU wrote."""
+
+    stamp_ns: Int[np.ndarray, "n"]
+    gyro_rad_s: Float[np.ndarray, "n 3"]
+    acceleration_m_s2: Float[np.ndarray, "n 3"]
+    q_world_imu_wxyz: Float[np.ndarray, "n 4"]
+
+
+def world_from_pipe(truth: Truth) -> Float[np.ndarray, "3 3"]:
+    """`R_world_pipe`: the device's world has z up; its heading is the pipe's, an arbitrary choice."""
+    up = -gravity_direction(truth.pipe)
+    right = np.array([1.0, 0.0, 0.0])
+    return np.stack([right, np.cross(up, right), up])
+
+
+def measure_imu(
+    truth: Truth, mount: ImuMount, noise: ImuNoise, rng: np.random.Generator, rng_attitude: np.random.Generator
+) -> ImuLog:
+    """The IMU's log over the whole drive."""
+    count = int(np.floor((truth.time_s[-1] - truth.time_s[0]) * noise.update_rate + 1e-9)) + 1
+    time_s = truth.time_s[0] + np.arange(count) / noise.update_rate
+    R_pipe_camera = truth.pose_at(np.minimum(time_s, truth.time_s[-1]))[:, :3, :3]
+    R_pipe_imu = R_pipe_camera @ mount.R_camera_imu
+    rate = CubicSpline(truth.time_s, truth.angular_velocity_camera_rad_s)
+    omega, omega_dot = rate(time_s), rate(time_s, 1)
+    lever_m = np.array(mount.position_camera_mm) / 1e3
+    lever_acceleration = np.cross(omega_dot, lever_m) + np.cross(omega, np.cross(omega, lever_m))
+    acceleration = CubicSpline(truth.time_s, truth.acceleration_mm_s2)(time_s) / 1e3
+    acceleration += np.einsum("nij,nj->ni", R_pipe_camera, lever_acceleration)
+    specific_force = acceleration - GRAVITY_M_S2 * gravity_direction(truth.pipe)
+
+    gyro = omega @ mount.R_camera_imu + _errors(
+        rng,
+        time_s,
+        noise.gyroscope_noise_density,
+        noise.gyroscope_random_walk,
+        np.radians(noise.gyroscope_bias_deg_s),
+    )
+    force = np.einsum("nji,nj->ni", R_pipe_imu, specific_force) + _errors(
+        rng, time_s, noise.accelerometer_noise_density, noise.accelerometer_random_walk, noise.accelerometer_bias_m_s2
+    )
+    attitude = _attitude(world_from_pipe(truth) @ R_pipe_imu, time_s, noise, rng_attitude)
+    return ImuLog(np.round(time_s * 1e9).astype(np.int64), gyro, force, attitude)
+
+
+def _errors(rng, time_s, density, walk, bias) -> np.ndarray:
+    """White noise, bias walk and a constant bias of given spread, discretised at the sampling rate."""
+    n, dt = time_s.size, time_s[1] - time_s[0]
+    white = rng.standard_normal((n, 3)) * density / np.sqrt(dt)
+    walked = np.cumsum(rng.standard_normal((n, 3)), axis=0) * walk * np.sqrt(dt)
+    return white + walked + rng.standard_normal(3) * bias
+
+
+def _attitude(R_world_imu, time_s, noise: ImuNoise, rng) -> np.ndarray:
+    """The device's own quaternion: a small world-frame error, then the rounding of its log."""
+    keep = np.exp(-(time_s[1] - time_s[0]) / noise.attitude_drift_time_s)
+    drift = rng.standard_normal((time_s.size, 3))
+    drift[1:] *= np.sqrt(1 - keep**2)
+    for i in range(1, time_s.size):
+        drift[i] += keep * drift[i - 1]
+    error_deg = drift * noise.attitude_drift_deg + rng.standard_normal((time_s.size, 3)) * noise.attitude_noise_deg
+    q = wxyz_from_rotation(Rotation.from_rotvec(np.radians(error_deg)).as_matrix() @ R_world_imu)
+    if noise.quaternion_rounding > 0:
+        q = np.round(q / noise.quaternion_rounding) * noise.quaternion_rounding
+    return q

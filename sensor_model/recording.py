@@ -1,0 +1,228 @@
+"""The recording: synchronised pictures, IMU and encoders in the EuRoC/ASL folder layout, whoever wrote it."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from scipy.spatial.transform import Rotation, Slerp
+
+from sensor_model.rig import Rig, load_rig, save_rig
+
+MAX_PICTURE_BYTES = 64 * 2**20
+COLUMNS = {
+    "imu0": "w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]",
+    "orientation0": "q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []",
+}
+
+
+class BadRecording(ValueError):
+    """A recording that cannot be read; the message names file, line and value."""
+
+
+@dataclass(frozen=True)
+class SlitPixels:
+    """Places in one picture where a slit's centre line was seen, sorted by slit and then azimuth.
+
+    `slit` counts from the innermost; `sigma_px` is the standard deviation across the slit.
+    """
+
+    pixel: Float[np.ndarray, "n 2"]
+    slit: Int[np.ndarray, "n"]
+    sigma_px: Float[np.ndarray, "n"]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One exposure and what the other sensors said at its stamp; either a picture (RGB) or its slit pixels."""
+
+    index: int
+    stamp_ns: int
+    picture: UInt8[np.ndarray, "height width 3"] | None
+    slit_pixels: SlitPixels | None
+    q_world_imu_wxyz: Float[np.ndarray, "4"]
+    counts: Float[np.ndarray, "wheels"]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A log on disk, read frame by frame; small enough parts (IMU, encoders) are held."""
+
+    folder: Path
+    rig: Rig
+    frame_stamps_ns: Int[np.ndarray, "frames"]
+    frame_files: tuple[str, ...]
+    imu_stamps_ns: Int[np.ndarray, "n"]
+    imu: Float[np.ndarray, "n 6"]
+    orientation_stamps_ns: Int[np.ndarray, "m"]
+    q_world_imu_wxyz: Float[np.ndarray, "m 4"]
+    encoder_stamps_ns: Int[np.ndarray, "k"]
+    counts: Int[np.ndarray, "k wheels"]
+
+    def __len__(self) -> int:
+        return len(self.frame_files)
+
+    @cached_property
+    def _attitude(self) -> Slerp:
+        rotations = Rotation.from_quat(self.q_world_imu_wxyz[:, [1, 2, 3, 0]])
+        return Slerp(self.orientation_stamps_ns / 1e9, rotations)
+
+    def __getitem__(self, index: int) -> Frame:
+        """Read one frame.
+
+        Raises:
+            IndexError: past the last frame.
+            BadRecording: for a picture that cannot be read or has the wrong size.
+        """
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        stamp_ns = int(self.frame_stamps_ns[index])
+        file = self.folder / self.frame_files[index]
+        picture = slit_pixels = None
+        if file.suffix == ".npz":
+            slit_pixels = _read_slit_pixels(file)
+        else:
+            picture = self._read_picture(file)
+        held = np.clip(stamp_ns, self.orientation_stamps_ns[0], self.orientation_stamps_ns[-1])
+        attitude = self._attitude(held / 1e9).as_quat()[[3, 0, 1, 2]]
+        counts = np.array([np.interp(stamp_ns, self.encoder_stamps_ns, wheel) for wheel in self.counts.T])
+        return Frame(index, stamp_ns, picture, slit_pixels, attitude, counts)
+
+    def _read_picture(self, file: Path) -> UInt8[np.ndarray, "height width 3"]:
+        import cv2
+
+        if not file.is_file():
+            raise BadRecording(f"{file}: missing picture, named in {file.parent.parent / 'data.csv'}")
+        if file.stat().st_size > MAX_PICTURE_BYTES:
+            raise BadRecording(f"{file}: picture of {file.stat().st_size} bytes, at most {MAX_PICTURE_BYTES}")
+        picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
+        if picture is None:
+            raise BadRecording(f"{file}: not a picture that can be read")
+        expected = (self.rig.camera.height_px, self.rig.camera.width_px)
+        if picture.shape[:2] != expected:
+            raise BadRecording(f"{file}: picture of {picture.shape[:2]} rows, columns; the rig's camera has {expected}")
+        return picture
+
+
+def _read_slit_pixels(file: Path) -> SlitPixels:
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            return SlitPixels(arrays["pixel"], arrays["slit"], arrays["sigma_px"])
+    except (OSError, KeyError, ValueError) as error:
+        raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
+
+
+def _write_csv(path: Path, header: str, stamps_ns: np.ndarray, columns: np.ndarray, fmt: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = [f"#timestamp [ns],{header}"]
+    lines += [f"{stamp}," + ",".join(fmt % v for v in row) for stamp, row in zip(stamps_ns, columns, strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_logs(
+    folder: Path,
+    rig: Rig,
+    imu_stamps_ns: Int[np.ndarray, "n"],
+    imu: Float[np.ndarray, "n 6"],
+    q_world_imu_wxyz: Float[np.ndarray, "n 4"],
+    encoder_stamps_ns: Int[np.ndarray, "k"],
+    counts: Int[np.ndarray, "k wheels"],
+) -> None:
+    """Write the rig and everything but the frames."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_rig(rig, folder / "rig.yaml")
+    _write_csv(folder / "imu0" / "data.csv", COLUMNS["imu0"], imu_stamps_ns, imu, "%.9g")
+    _write_csv(
+        folder / "orientation0" / "data.csv", COLUMNS["orientation0"], imu_stamps_ns, q_world_imu_wxyz, "%.9g"
+    )
+    wheels = ",".join(f"wheel{i} [counts]" for i in range(counts.shape[1]))
+    _write_csv(folder / "encoders0" / "data.csv", wheels, encoder_stamps_ns, counts, "%d")
+
+
+def write_frame_list(folder: Path, stamps_ns: Int[np.ndarray, "frames"], suffix: str) -> tuple[str, ...]:
+    """Write `cam0/data.csv`, last, so that a recording without it is seen to be unfinished."""
+    names = [f"{stamp}{suffix}" for stamp in stamps_ns]
+    (folder / "cam0" / "data").mkdir(parents=True, exist_ok=True)
+    rows = "\n".join(f"{stamp},{name}" for stamp, name in zip(stamps_ns, names, strict=True))
+    (folder / "cam0" / "data.csv").write_text(f"#timestamp [ns],filename\n{rows}\n")
+    return tuple(f"cam0/data/{name}" for name in names)
+
+
+def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and numbers of one sensor's file.
+
+    Raises:
+        BadRecording: naming file, line and value.
+    """
+    if not path.is_file():
+        raise BadRecording(f"{path}: missing")
+    stamps, rows = [], []
+    with path.open(newline="") as file:
+        for line, row in enumerate(csv.reader(file), start=1):
+            if not row or row[0].startswith("#"):
+                continue
+            columns = columns or len(row) - 1
+            try:
+                stamp, values = int(row[0]), [float(v) for v in row[1:]]
+            except ValueError as error:
+                raise BadRecording(f"{path}:{line}: {error}; a stamp in ns and {columns} numbers are expected") from None
+            if len(values) != columns or not np.all(np.isfinite(values)):
+                raise BadRecording(f"{path}:{line}: {row[1:]}; {columns} finite numbers are expected")
+            if stamps and stamp <= stamps[-1]:
+                raise BadRecording(f"{path}:{line}: stamp {stamp} does not come after {stamps[-1]}")
+            stamps.append(stamp)
+            rows.append(values)
+    if len(stamps) < 2:
+        raise BadRecording(f"{path}: {len(stamps)} rows; at least 2 are needed")
+    return np.array(stamps, dtype=np.int64), np.array(rows)
+
+
+def open_recording(folder: Path) -> Recording:
+    """Open a log; frames are read when asked for.
+
+    Raises:
+        BadRecording: naming file, line and value.
+    """
+    rig = load_rig(folder / "rig.yaml") if (folder / "rig.yaml").is_file() else None
+    if rig is None:
+        raise BadRecording(f"{folder / 'rig.yaml'}: missing")
+    imu_stamps, imu = _read_csv(folder / "imu0" / "data.csv", 6)
+    orientation_stamps, q = _read_csv(folder / "orientation0" / "data.csv", 4)
+    encoder_stamps, counts = _read_csv(folder / "encoders0" / "data.csv", len(rig.wheels.diameters_mm))
+    stamps, files = _read_frame_list(folder)
+    return Recording(
+        folder,
+        rig,
+        stamps,
+        files,
+        imu_stamps,
+        imu,
+        orientation_stamps,
+        q,
+        encoder_stamps,
+        counts.astype(np.int64),
+    )
+
+
+def _read_frame_list(folder: Path) -> tuple[np.ndarray, tuple[str, ...]]:
+    path = folder / "cam0" / "data.csv"
+    if not path.is_file():
+        raise BadRecording(f"{path}: missing (it is written last: the recording may be unfinished)")
+    stamps, files = [], []
+    with path.open(newline="") as file:
+        for line, row in enumerate(csv.reader(file), start=1):
+            if not row or row[0].startswith("#"):
+                continue
+            name = row[1].strip() if len(row) == 2 else ""
+            if not row[0].isdigit() or Path(name).name != name or Path(name).suffix not in (".png", ".npz"):
+                raise BadRecording(f"{path}:{line}: {row}; a stamp in ns and a plain file name (png) are expected")
+            if stamps and int(row[0]) <= stamps[-1]:
+                raise BadRecording(f"{path}:{line}: stamp {row[0]} does not come after {stamps[-1]}")
+            stamps.append(int(row[0]))
+            files.append(f"cam0/data/{name}")
+    return np.array(stamps, dtype=np.int64), tuple(files)

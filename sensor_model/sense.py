@@ -1,0 +1,101 @@
+"""Truth in, recording out: every frame drawn (or its slit pixels found), the IMU and the encoders logged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from sensor_model.encoders import EncoderNoise, measure_encoders
+from sensor_model.imu import ImuNoise, measure_imu
+from sensor_model.optics import Optics
+from sensor_model.points import PointNoise, see_slits
+from sensor_model.recording import write_frame_list, write_logs
+from sensor_model.rig import Rig
+from sensor_model.settings import Settings
+from sensor_model.streams import stream
+from twin.truth import Truth
+
+Fidelity = Literal["picture", "raycast", "points"]
+
+
+class Sensing(Settings):
+    """How the sensor sees: by which fidelity, how often, and with which errors."""
+
+    fidelity: Fidelity = "picture"
+    frame_rate_hz: Annotated[float, Field(gt=0.1, le=240)] = 15.0
+    optics: Optics = Optics()
+    points: PointNoise = PointNoise()
+    imu: ImuNoise = ImuNoise()
+    encoders: EncoderNoise = EncoderNoise()
+
+
+def frame_times_s(truth: Truth, sensing: Sensing) -> np.ndarray:
+    """When the strobe fires, from the start of the drive to its end."""
+    count = int(np.floor((truth.time_s[-1] - truth.time_s[0]) * sensing.frame_rate_hz + 1e-9)) + 1
+    return truth.time_s[0] + np.arange(count) / sensing.frame_rate_hz
+
+
+def sense(
+    truth: Truth, true_rig: Rig, nominal_rig: Rig, sensing: Sensing, seed: int, folder: Path, workers: int = 1
+) -> Iterator[int]:
+    """Write what a robot would have written, and yield the number of frames done as it goes.
+
+    The true rig makes the measurements; the nominal one goes with the recording. `cam0/data.csv` comes last.
+
+    Raises:
+        ValueError: when rig and truth do not fit together.
+    """
+    imu = measure_imu(truth, true_rig.imu, sensing.imu, stream(seed, "imu"), stream(seed, "attitude"))
+    encoders = measure_encoders(truth, true_rig.wheels, sensing.encoders)
+    logs = np.hstack([imu.gyro_rad_s, imu.acceleration_m_s2])
+    write_logs(folder, nominal_rig, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, encoders.counts)
+
+    times = frame_times_s(truth, sensing)
+    poses = truth.pose_at(np.minimum(times, truth.time_s[-1]))
+    stamps = np.round(times * 1e9).astype(np.int64)
+    (folder / "cam0" / "data").mkdir(parents=True, exist_ok=True)
+    suffix = ".npz" if sensing.fidelity == "points" else ".png"
+    jobs = [
+        (truth.pipe, pose, true_rig, sensing, seed, index, folder / "cam0" / "data" / f"{stamp}{suffix}")
+        for index, (pose, stamp) in enumerate(zip(poses, stamps, strict=True))
+    ]
+    yield from _spread(jobs, workers if sensing.fidelity != "points" else 1)
+    write_frame_list(folder, stamps, suffix)
+
+
+def _spread(jobs: list, workers: int) -> Iterator[int]:
+    if workers == 1:
+        for done, job in enumerate(jobs, start=1):
+            write_frame(*job)
+            yield done
+        return
+    from joblib import Parallel, delayed
+
+    tasks = (delayed(write_frame)(*job) for job in jobs)
+    for done, _ in enumerate(Parallel(n_jobs=workers, return_as="generator_unordered")(tasks), start=1):
+        yield done
+
+
+def write_frame(
+    pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, seed: int, index: int, file: Path
+) -> None:
+    """Make one frame and write it: a PNG, or an NPZ of slit pixels."""
+    if sensing.fidelity == "points":
+        seen = see_slits(pipe, T_pipe_camera, rig, sensing.points, stream(seed, "points", index))
+        np.savez(file, pixel=seen.pixel, slit=seen.slit, sigma_px=seen.sigma_px)
+        return
+    import cv2
+
+    from sensor_model.image_formation import expose
+
+    if sensing.fidelity == "picture":
+        from sensor_model.drawing import draw
+    else:
+        from sensor_model.raycast import draw
+    picture = expose(draw(pipe, T_pipe_camera, rig, sensing.optics), sensing.optics, stream(seed, "picture", index))
+    if not cv2.imwrite(str(file), picture[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+        raise OSError(f"{file}: cannot write the picture")
