@@ -6,12 +6,15 @@ import csv
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from pydantic import Field
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_model.rig import Rig, load_rig, save_rig
+from sensor_model.rig import AnySettings, Rig, load_settings, save_settings
+from sensor_model.settings import Settings
 
 MAX_PICTURE_BYTES = 64 * 2**20
 COLUMNS = {
@@ -23,6 +26,13 @@ COLUMNS = {
 
 class BadRecording(ValueError):
     """A recording that cannot be read; the message names file, line and value."""
+
+
+class NominalPipe(Settings):
+    """What the operator knows of the pipe before the scan, from its standard and the job's papers."""
+
+    inner_radius_mm: Annotated[float, Field(gt=5)]
+    wall_thickness_mm: Annotated[float, Field(gt=0)]
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,7 @@ class Recording:
 
     folder: Path
     rig: Rig
+    pipe: NominalPipe
     frame_stamps_ns: Int[np.ndarray, "frames"]
     frame_files: tuple[str, ...]
     imu_stamps_ns: Int[np.ndarray, "n"]
@@ -127,15 +138,17 @@ def _write_csv(path: Path, header: str, stamps_ns: np.ndarray, columns: np.ndarr
 def write_logs(
     folder: Path,
     rig: Rig,
+    pipe: NominalPipe,
     imu_stamps_ns: Int[np.ndarray, "n"],
     imu: Float[np.ndarray, "n 6"],
     q_world_imu_wxyz: Float[np.ndarray, "n 4"],
     encoder_stamps_ns: Int[np.ndarray, "k"],
     counts: Int[np.ndarray, "k wheels"],
 ) -> None:
-    """Write the rig and everything but the frames."""
+    """Write the rig, the nominal pipe and everything but the frames."""
     folder.mkdir(parents=True, exist_ok=True)
-    save_rig(rig, folder / "rig.yaml")
+    save_settings(rig, folder / "rig.yaml")
+    save_settings(pipe, folder / "pipe.yaml")
     _write_csv(folder / "imu0" / "data.csv", COLUMNS["imu0"], imu_stamps_ns, imu, "%.9g")
     _write_csv(
         folder / "orientation0" / "data.csv", COLUMNS["orientation0"], imu_stamps_ns, q_world_imu_wxyz, "%.9g"
@@ -188,9 +201,8 @@ def open_recording(folder: Path) -> Recording:
     Raises:
         BadRecording: naming file, line and value.
     """
-    rig = load_rig(folder / "rig.yaml") if (folder / "rig.yaml").is_file() else None
-    if rig is None:
-        raise BadRecording(f"{folder / 'rig.yaml'}: missing")
+    rig = _read_settings(Rig, folder / "rig.yaml")
+    pipe = _read_settings(NominalPipe, folder / "pipe.yaml")
     imu_stamps, imu = _read_csv(folder / "imu0" / "data.csv", 6)
     orientation_stamps, q = _read_csv(folder / "orientation0" / "data.csv", 4)
     encoder_stamps, counts = _read_csv(folder / "encoders0" / "data.csv", len(rig.wheels.diameters_mm))
@@ -198,6 +210,7 @@ def open_recording(folder: Path) -> Recording:
     return Recording(
         folder,
         rig,
+        pipe,
         stamps,
         files,
         imu_stamps,
@@ -207,6 +220,13 @@ def open_recording(folder: Path) -> Recording:
         encoder_stamps,
         counts.astype(np.int64),
     )
+
+
+def _read_settings(kind: type[AnySettings], path: Path) -> AnySettings:
+    try:
+        return load_settings(kind, path)
+    except (OSError, ValueError) as error:
+        raise BadRecording(f"{path}: {error}") from error
 
 
 def _read_frame_list(folder: Path) -> tuple[np.ndarray, tuple[str, ...]]:

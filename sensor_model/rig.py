@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,8 @@ from sensor_model.settings import Settings
 
 Color = Literal["R", "Y", "B"]
 Vector3 = tuple[float, float, float]
+AnySettings = TypeVar("AnySettings", bound=Settings)
+MAX_SETTINGS_BYTES = 2**20
 
 
 class Camera(Settings):
@@ -126,24 +128,27 @@ class Rig(Settings):
     wheels: Wheels = Wheels()
 
 
-def save_rig(rig: Rig, path: Path) -> None:
-    """Write a rig as YAML."""
+def save_settings(settings: Settings, path: Path) -> None:
+    """Write settings as YAML."""
     from ruamel.yaml import YAML
 
     with path.open("w") as file:
-        YAML(typ="safe", pure=True).dump(rig.model_dump(mode="json"), file)
+        YAML(typ="safe", pure=True).dump(settings.model_dump(mode="json"), file)
 
 
-def load_rig(path: Path) -> Rig:
-    """Read a rig from YAML.
+def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
+    """Read settings of a kind from YAML.
 
     Raises:
-        ValueError: with the file's name, when the file is no rig.
+        OSError: for a file that cannot be opened.
+        ValueError: for a file that says something else.
     """
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
+    if path.stat().st_size > MAX_SETTINGS_BYTES:
+        raise ValueError(f"{path.stat().st_size} bytes; at most {MAX_SETTINGS_BYTES}")
     try:
-        return Rig.model_validate(YAML(typ="safe", pure=True).load(path.read_text()))
-    except (YAMLError, ValueError, TypeError) as error:
-        raise ValueError(f"{path}: not a rig: {error}") from error
+        return kind.model_validate(YAML(typ="safe", pure=True).load(path.read_text()))
+    except YAMLError as error:
+        raise ValueError(f"not YAML: {error}") from error

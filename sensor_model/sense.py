@@ -13,7 +13,7 @@ from sensor_model.encoders import EncoderNoise, measure_encoders
 from sensor_model.imu import ImuNoise, measure_imu
 from sensor_model.optics import Optics
 from sensor_model.points import PointNoise, see_slits
-from sensor_model.recording import write_frame_list, write_logs
+from sensor_model.recording import NominalPipe, write_frame_list, write_logs
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
 from sensor_model.streams import stream
@@ -52,7 +52,8 @@ def sense(
     imu = measure_imu(truth, true_rig.imu, sensing.imu, stream(seed, "imu"), stream(seed, "attitude"))
     encoders = measure_encoders(truth, true_rig.wheels, sensing.encoders)
     logs = np.hstack([imu.gyro_rad_s, imu.acceleration_m_s2])
-    write_logs(folder, nominal_rig, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, encoders.counts)
+    pipe = NominalPipe(inner_radius_mm=truth.pipe.bore_radius_mm, wall_thickness_mm=truth.pipe.wall_mm)
+    write_logs(folder, nominal_rig, pipe, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, encoders.counts)
 
     times = frame_times_s(truth, sensing)
     poses = truth.pose_at(np.minimum(times, truth.time_s[-1]))

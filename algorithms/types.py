@@ -1,0 +1,121 @@
+"""What crosses the stages of the measurement: points, alignments, the wall map, defects and the whole reconstruction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+Matrix6 = Float[np.ndarray, "6 6"]
+
+
+@dataclass(frozen=True)
+class RingPoints:
+    """Wall points of one frame in the camera frame, each with the slit it came from.
+
+    A point is uncertain along `direction`, the light ray through it, by `sigma_mm` (one standard deviation).
+    """
+
+    xyz_mm: Float[np.ndarray, "n 3"]
+    ring: Int[np.ndarray, "n"]
+    pixel: Float[np.ndarray, "n 2"]
+    direction: Float[np.ndarray, "n 3"]
+    sigma_mm: Float[np.ndarray, "n"]
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Where the camera is in the pipe, and what that is worth.
+
+    `information` is in the order tx ty tz rx ry rz (mm and rad, pipe axes, rotation about the camera's centre); a
+    direction that was not measured has none. `inliers` labels the points used; `reason` says why not converged.
+    """
+
+    T_pipe_camera: Float[np.ndarray, "4 4"]
+    information: Matrix6
+    inliers: Bool[np.ndarray, "n"] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    converged: bool = True
+    reason: str = ""
+    radius_mm: float = float("nan")
+    noise_scale: float = float("nan")
+
+
+@dataclass(frozen=True)
+class WallMap:
+    """The wall unrolled: cells around (theta) by along (z), NaN or 0 where nothing was seen."""
+
+    theta_rad: Float[np.ndarray, "around"]
+    z_mm: Float[np.ndarray, "along"]
+    radius_mm: Float[np.ndarray, "around along"]
+    spread_mm: Float[np.ndarray, "around along"]
+    count: Int[np.ndarray, "around along"]
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "around along"]:
+        """Cells with at least one point."""
+        return self.count > 0
+
+    def scanned(self) -> slice:
+        """Columns from the first to the last z at which at least half of the circumference was seen."""
+        rows = np.flatnonzero(self.seen.mean(axis=0) >= 0.5)
+        return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
+
+
+@dataclass(frozen=True)
+class Defect:
+    """One measured defect; standard deviations beside the sizes."""
+
+    start_mm: float
+    length_mm: float
+    width_mm: float
+    depth_mm: float
+    theta_rad: float
+    wall_loss_pct: float
+    length_std_mm: float
+    width_std_mm: float
+    depth_std_mm: float
+    unseen_share: float
+    seen_cells: int
+    cut_by_scan_end: bool
+
+    @property
+    def distance_mm(self) -> float:
+        """Axial position of its middle."""
+        return self.start_mm + self.length_mm / 2
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """What became of one frame."""
+
+    index: int
+    stamp_ns: int
+    points: RingPoints
+    alignment: Alignment
+    decode_yield: float
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The camera's path, one row a frame; `registered` is false where the pose is only predicted."""
+
+    stamp_ns: Int[np.ndarray, "frames"]
+    T_pipe_camera: Float[np.ndarray, "frames 4 4"]
+    covariance: Float[np.ndarray, "frames 6 6"]
+    registered: Bool[np.ndarray, "frames"]
+    radius_mm: Float[np.ndarray, "frames"]
+    decode_yield: Float[np.ndarray, "frames"]
+    reason: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """The result of one scan."""
+
+    trajectory: Trajectory
+    wall: WallMap
+    deviation_mm: Float[np.ndarray, "around along"]
+    noise_mm: float
+    threshold_mm: float
+    defects: tuple[Defect, ...]

@@ -1,0 +1,137 @@
+"""The wall map: points of all frames gathered on a (theta, z) grid, robustly, in memory flat in the pipe's length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from numba import njit
+from pydantic import Field
+
+from algorithms.types import Alignment, RingPoints, WallMap
+from sensor_model.geometry import apply, wall_angle_rad
+from sensor_model.recording import NominalPipe
+from sensor_model.settings import Settings
+
+REACH = (0.6, 1.6)  # what lies outside, in nominal radii, is no wall point
+MAD_TO_SIGMA = 1.4826
+
+
+class MapSettings(Settings):
+    """Cell size of the map, and how many rows of it are kept open for new points."""
+
+    cell_z_mm: Annotated[float, Field(gt=0.05, le=20)] = 1.0
+    cell_theta_deg: Annotated[float, Field(gt=0.05, le=10)] = 1.0
+    block_mm: Annotated[float, Field(gt=10, le=1000)] = 100.0
+
+
+@dataclass
+class MapBuilder:
+    """Points wait in blocks along z; a block behind all future points is reduced to cells and let go."""
+
+    settings: MapSettings
+    waiting: dict[int, list[np.ndarray]] = field(default_factory=dict)
+    done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells around, and cells along in one block."""
+        return (
+            max(round(360 / self.settings.cell_theta_deg), 1),
+            max(round(self.settings.block_mm / self.settings.cell_z_mm), 1),
+        )
+
+
+def add_points(builder: MapBuilder, points: RingPoints, alignment: Alignment, pipe: NominalPipe) -> None:
+    """Put one registered frame's points into the map, and close what lies behind all of them."""
+    around, along = builder.shape
+    xyz = apply(alignment.T_pipe_camera, points.xyz_mm)
+    light = points.direction @ alignment.T_pipe_camera[:3, :3].T
+    rho = np.hypot(xyz[:, 0], xyz[:, 1])
+    across = np.abs(np.sum(light[:, :2] * xyz[:, :2], axis=1)) / np.maximum(rho, 1e-9)
+    sigma = np.maximum(points.sigma_mm * np.maximum(across, 0.05), 1e-3)
+    keep = (rho > REACH[0] * pipe.inner_radius_mm) & (rho < REACH[1] * pipe.inner_radius_mm)
+    if not keep.any():
+        return
+    row = np.floor(xyz[keep, 2] / builder.settings.cell_z_mm).astype(np.int64)
+    column = np.floor(wall_angle_rad(xyz[keep, 0], xyz[keep, 1]) / (2 * np.pi) * around).astype(np.int64) % around
+    block, row_in_block = np.divmod(row, along)
+    packed = np.column_stack([column * along + row_in_block, rho[keep], sigma[keep] ** -2]).astype(np.float32)
+    for b in np.unique(block):
+        builder.waiting.setdefault(int(b), []).append(packed[block == b])
+    nearest = int(np.percentile(block, 1)) - 1  # one block of slack for the frames still to come
+    for b in [b for b in builder.waiting if b < nearest]:
+        _close(builder, b)
+
+
+def _close(builder: MapBuilder, block: int) -> None:
+    """Reduce a block's points to cells; a block that was closed before is joined by its weights."""
+    around, along = builder.shape
+    points = np.concatenate(builder.waiting.pop(block))
+    order = np.argsort(points[:, 0], kind="stable")
+    radius, spread, count = _reduce(points[order].astype(np.float64), around * along)
+    cells = (radius.reshape(around, along), spread.reshape(around, along), count.reshape(around, along))
+    if block in builder.done:
+        cells = _joined(builder.done[block], cells)
+    builder.done[block] = cells
+
+
+def _joined(a: tuple, b: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    count = a[2] + b[2]
+    share = np.divide(b[2], count, out=np.zeros(count.shape), where=count > 0)
+    radius = np.where(a[2] == 0, b[0], np.where(b[2] == 0, a[0], (1 - share) * a[0] + share * b[0]))
+    spread = np.where(a[2] == 0, b[1], np.where(b[2] == 0, a[1], np.maximum(a[1], b[1])))
+    return radius, spread, count
+
+
+def finish_map(builder: MapBuilder) -> WallMap:
+    """Close all blocks and lay them end to end."""
+    for block in list(builder.waiting):
+        _close(builder, block)
+    around, along = builder.shape
+    blocks = range(min(builder.done), max(builder.done) + 1) if builder.done else range(0)
+    empty = (np.full((around, along), np.nan), np.full((around, along), np.nan), np.zeros((around, along), np.int64))
+    parts = [builder.done.get(b, empty) for b in blocks]
+    radius, spread, count = (
+        (np.concatenate([part[k] for part in parts], axis=1) if parts else empty[k][:, :0]) for k in range(3)
+    )
+    theta = (np.arange(around) + 0.5) * 2 * np.pi / around
+    z = (np.arange(len(blocks) * along) + (blocks[0] * along if blocks else 0) + 0.5) * builder.settings.cell_z_mm
+    return WallMap(theta, z, radius, spread, count)
+
+
+@njit(cache=True)
+def _reduce(points: Float[np.ndarray, "n 3"], cells: int):
+    """Weighted median and spread (MAD) of the radii in each cell; rows are (cell, radius, weight) sorted by cell."""
+    radius, spread = np.full(cells, np.nan), np.full(cells, np.nan)
+    count = np.zeros(cells, dtype=np.int64)
+    n = points.shape[0]
+    first = 0
+    while first < n:
+        last = first
+        while last < n and points[last, 0] == points[first, 0]:
+            last += 1
+        values, weights = points[first:last, 1].copy(), points[first:last, 2]
+        cell = int(points[first, 0])
+        radius[cell] = _weighted_median(values, weights)
+        spread[cell] = MAD_TO_SIGMA * np.median(np.abs(values - radius[cell]))
+        count[cell] = last - first
+        first = last
+    return radius, spread, count
+
+
+@njit(cache=True)
+def _weighted_median(values, weights):
+    """The value with half of the weight on either side, halfway between two where it falls between."""
+    order = np.argsort(values)
+    half = 0.5 * np.sum(weights)
+    total = 0.0
+    for k in range(order.size):
+        total += weights[order[k]]
+        if total > half * (1.0 + 1e-12):
+            return values[order[k]]
+        if total >= half * (1.0 - 1e-12) and k + 1 < order.size:
+            return 0.5 * (values[order[k]] + values[order[k + 1]])
+    return values[order[-1]]
