@@ -1,16 +1,99 @@
-"""The six-wheel robot of section 3.3: its settings and its MuJoCo model."""
+"""The six-wheel robot of section 3.3 as settings: its measures, springs, motors and the tolerances it is built to."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+import numpy as np
+from jaxtyping import Float
+from pydantic import Field, model_validator
 
-from sensor_model.settings import Settings
+from sensor_model.settings import ClockDeg, Settings
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 
 
 class Robot(Settings):
-    """The robot: three sprung legs with two driven omni wheels in tandem each, and two end wheels that turn it."""
+    """Sprung legs with two driven omni wheels in tandem each, and two end wheels that turn it about the pipe's axis.
 
-    leg_count: int = 3
+    At `bore_radius_mm` every leg stands at the middle of its travel and presses with its preload. The end wheels stand
+    side by side along the pipe, one before and one behind the legs; they roll around the wall and slide along it.
+    """
+
+    leg_count: Annotated[int, Field(ge=3, le=6)] = 3
+    first_leg_clock_deg: ClockDeg = 60.0
+    bore_radius_mm: Positive = 76.2
+    leg_stiffness_n_m: Positive = 1500.0
+    leg_preload_n: Positive = 10.0
+    leg_damping_n_s_m: Positive = 5.0
+    leg_travel_mm: Positive = 8.0
+    leg_mass_kg: Positive = 0.06
+
     wheel_radius_mm: Annotated[float, Field(gt=2)] = 19.0
+    wheel_width_mm: Positive = 10.0
+    wheel_crown_radius_mm: Positive = 40.0
+    wheel_spacing_mm: Positive = 80.0
+    wheel_mass_kg: Positive = 0.02
+    wheel_friction: Positive = 0.6
+    # A roller's low friction still slides and steals grip from the driven direction: keep it tiny.
+    roller_friction: Annotated[float, Field(gt=0, le=0.003)] = 0.001
+
+    end_wheel_radius_mm: Annotated[float, Field(gt=2)] = 15.0
+    end_wheel_ahead_mm: Positive = 100.0
+    end_wheel_clock_deg: ClockDeg = 180.0
+    end_wheel_stiffness_n_m: Positive = 500.0
+    end_wheel_preload_n: Positive = 3.0
+
+    chassis_radius_mm: Positive = 32.0
+    chassis_length_mm: Positive = 180.0
+    chassis_mass_kg: Positive = 0.9
+    sensor_radius_mm: Positive = 15.0
+    sensor_length_mm: Positive = 80.0
+    sensor_mass_kg: Positive = 0.25
+    camera_ahead_mm: Positive = 180.0
+
+    motor_torque_limit_n_mm: Positive = 300.0
+    motor_inertia_kg_mm2: Positive = 300.0  # the rotor's, seen through the 603:1 gear
+    motor_servo_hz: Annotated[float, Field(gt=0, le=40)] = 15.0
+
+    # What each robot is built to, as standard deviations; a zero switches its draw off.
+    preload_tolerance_pct: NotNegative = 3.0
+    wheel_toe_tolerance_deg: NotNegative = 0.05
+    end_wheel_skew_tolerance_deg: NotNegative = 0.05
+
+    @model_validator(mode="after")
+    def _wheels_clear_the_chassis(self) -> Robot:
+        room = self.bore_radius_mm - self.leg_travel_mm - self.chassis_radius_mm
+        if max(self.wheel_radius_mm, self.end_wheel_radius_mm) >= room:
+            raise ValueError(f"between chassis and wall is room for a wheel of less than {room} mm radius")
+        if self.wheel_spacing_mm < 2 * self.wheel_radius_mm:
+            raise ValueError("wheel_spacing_mm must be at least two wheel radii")
+        return self
+
+    @property
+    def leg_clock_rad(self) -> Float[np.ndarray, "legs"]:
+        """Angle of every leg around the robot."""
+        return np.radians(self.first_leg_clock_deg) + 2 * np.pi * np.arange(self.leg_count) / self.leg_count
+
+    @property
+    def behind_camera_mm(self) -> float:
+        """How far the robot reaches behind its camera."""
+        return self.camera_ahead_mm + max(
+            self.end_wheel_ahead_mm + self.end_wheel_radius_mm, self.chassis_length_mm / 2
+        )
+
+
+class Build(Settings):
+    """How one robot came out of the workshop: each leg's preload, and how far each wheel's axle is askew."""
+
+    preload_n: tuple[float, ...]
+    askew_rad: tuple[float, ...]
+
+
+def draw_build(robot: Robot, rng: np.random.Generator) -> Build:
+    """One robot within its tolerances: normal draws, wheels in the order of `robot_model.wheel_names`."""
+    preload = robot.leg_preload_n * (1 + robot.preload_tolerance_pct / 100 * rng.standard_normal(robot.leg_count))
+    toe = robot.wheel_toe_tolerance_deg * rng.standard_normal(2 * robot.leg_count)
+    skew = robot.end_wheel_skew_tolerance_deg * rng.standard_normal(2)
+    return Build(preload_n=tuple(preload), askew_rad=tuple(np.radians(np.concatenate([toe, skew]))))
