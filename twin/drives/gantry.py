@@ -37,9 +37,16 @@ class GantryDrive(Settings):
     ramp_s: Annotated[float, Field(gt=0, le=2)] = 0.2
     rate_hz: Annotated[float, Field(ge=50, le=2000)] = 500.0
 
+    @property
     def end_mm(self) -> float:
         """Where the camera ends."""
         return self.stages[-1].to_mm
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Lowest and highest place of the camera."""
+        places = [self.start_mm, *(stage.to_mm for stage in self.stages)]
+        return min(places), max(places)
 
 
 def drive(pipe: Pipe, robot: Robot, settings: GantryDrive, rng: np.random.Generator) -> Truth:  # noqa: ARG001

@@ -1,0 +1,264 @@
+"""The six-wheel robot drives itself through the pipe: MuJoCo's motion is the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import Field
+
+from sensor_model.geometry import GRAVITY_M_S2, rotation_from_wxyz
+from sensor_model.settings import Settings
+from twin.drives.base import DriveFailed
+from twin.pipe import Pipe
+from twin.robot import Robot, draw_build
+from twin.robot_model import (
+    ACCELEROMETER,
+    ATTITUDE,
+    CHASSIS,
+    GYRO,
+    MM,
+    POSITION,
+    STEP_S,
+    WHEEL_ANGLE,
+    WHEEL_HUB,
+    RobotModel,
+    build_model,
+    motor_names,
+    wheel_names,
+)
+from twin.truth import Truth, gravity_direction
+from twin.wheel_contact import WallContacts
+
+SETTLE_S = 1.5
+SETTLE_DAMPING = 8.0  # legs are damped so much more while the robot settles, which is then over sooner
+STILL_MM_S = 0.05
+CHECK_STEPS = 25
+
+
+class RollStage(Settings):
+    """A turn about the pipe's axis by the end wheels: from when, for how long, how fast; clockwise seen along +z."""
+
+    start_s: Annotated[float, Field(ge=0)]
+    duration_s: Annotated[float, Field(gt=0)]
+    rate_deg_s: Annotated[float, Field(ge=-180, le=180)]
+
+
+class RobotDrive(Settings):
+    """The robot sent from one place to another: its motors follow a smooth profile, and where it gets is physics.
+
+    Distances are the camera's. It starts at rest exactly at `start_mm`; it stops where its wheels have rolled the
+    distance to `end_mm`, which slip and soft contact make a little different, and stands there for `dwell_s`.
+    """
+
+    kind: Literal["robot"] = "robot"
+    start_mm: float = 0.0
+    end_mm: float
+    speed_mm_s: Annotated[float, Field(gt=0, le=200)] = 50.0
+    ramp_s: Annotated[float, Field(gt=0, le=5)] = 0.3
+    dwell_s: Annotated[float, Field(ge=0, le=10)] = 0.2
+    roll: tuple[RollStage, ...] = Field(default=(), max_length=100)
+    tether_drag_n: Annotated[float, Field(ge=0)] = 0.0
+    tipped_deg: Annotated[float, Field(gt=0, le=45)] = 8.0
+    stuck_mm: Annotated[float, Field(gt=0)] = 30.0
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Lowest and highest place of the camera."""
+        return min(self.start_mm, self.end_mm), max(self.start_mm, self.end_mm)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One drive as MuJoCo had it, a row a step: its read-outs, and which wheels touched the wall."""
+
+    robot: RobotModel
+    sensor: Float[np.ndarray, "n readouts"]
+    touching: Bool[np.ndarray, "n wheels"]
+
+    def readout(self, name: str) -> Float[np.ndarray, "n k"]:
+        """One sensor's read-out, in MuJoCo's units."""
+        return self.sensor[:, self.robot.sensor[name]]
+
+
+def drive(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.random.Generator) -> Truth:
+    """Drive through the pipe; the tolerances of this one robot come from `rng`.
+
+    Raises:
+        DriveFailed: when the robot tips, gets stuck, loses its grip or does not fit the pipe.
+    """
+    return truth_of(pipe, robot, simulate_motion(pipe, robot, settings, rng))
+
+
+def simulate_motion(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.random.Generator) -> Motion:
+    """Settle under gravity, set the camera to its start, and drive.
+
+    Raises:
+        DriveFailed: as `drive`.
+    """
+    import mujoco
+
+    model = build_model(pipe, robot, draw_build(robot, rng))
+    contacts = WallContacts(pipe.wall, model, (robot.wheel_friction, robot.roller_friction))
+    data = mujoco.MjData(model.model)
+    _place(data, pipe, robot, settings.start_mm)
+    _settle(model, data, contacts)
+    data.qpos[2] += MM * settings.start_mm - data.site_xpos[0, 2]
+
+    controls = motor_controls(pipe, robot, settings, model.feed_forward_s)
+    sensor = np.empty((len(controls), model.model.nsensordata))
+    touching = np.empty((len(controls), len(wheel_names(robot))), dtype=bool)
+    motion = Motion(model, sensor, touching)
+    chassis = model.model.body(CHASSIS).id
+    for i, control in enumerate(controls):
+        data.ctrl[:] = control
+        data.xfrc_applied[chassis, 2] = -settings.tether_drag_n * np.tanh(data.qvel[2] / (1.0 * MM))
+        step(model.model, data, contacts)
+        sensor[i], touching[i] = data.sensordata, contacts.touching
+        if i % CHECK_STEPS == 0 or i == len(controls) - 1:
+            _check(motion, i, pipe, robot, settings)
+    return motion
+
+
+def step(model: Any, data: Any, contacts: WallContacts) -> None:
+    """One step of MuJoCo, as `mj_step` has it, with the wall's contacts added; read-outs are of its beginning."""
+    import mujoco
+
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_makeM(model, data)
+    mujoco.mj_factorM(model, data)
+    mujoco.mj_collision(model, data)
+    contacts.inject(data)
+    mujoco.mj_makeConstraint(model, data)
+    mujoco.mj_transmission(model, data)
+    mujoco.mj_projectConstraint(model, data)
+    mujoco.mj_sensorPos(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    mujoco.mj_sensorVel(model, data)
+    mujoco.mj_fwdActuation(model, data)
+    mujoco.mj_fwdAcceleration(model, data)
+    mujoco.mj_fwdConstraint(model, data)
+    data.flg_rnepost = False  # or the accelerometer would keep an earlier step's value
+    mujoco.mj_sensorAcc(model, data)
+    mujoco.mj_implicit(model, data)
+
+
+def motor_controls(
+    pipe: Pipe, robot: Robot, settings: RobotDrive, feed_forward_s: float
+) -> Float[np.ndarray, "n motors"]:
+    """What every motor is told at every step: its angle and, fed forward, its rate."""
+    travel = settings.end_mm - settings.start_mm
+    ramp = min(settings.ramp_s, max(abs(travel) / settings.speed_mm_s, STEP_S))
+    cruise = abs(travel) / settings.speed_mm_s - ramp
+    roll_end = max((stage.start_s + stage.duration_s + settings.ramp_s for stage in settings.roll), default=0.0)
+    duration = max(cruise + 2 * ramp, roll_end) + settings.dwell_s
+    time = STEP_S * np.arange(round(duration / STEP_S) + 1)
+
+    distance, speed = _smooth_move(time, 0.0, cruise + 2 * ramp, ramp)
+    sign = np.sign(travel)
+    leg = sign * settings.speed_mm_s * (distance + feed_forward_s * speed) / robot.wheel_radius_mm
+    end = np.zeros_like(time)
+    for stage in settings.roll:
+        turned, rate = _smooth_move(time, stage.start_s, stage.duration_s + settings.ramp_s, settings.ramp_s)
+        rim = np.radians(stage.rate_deg_s) * pipe.bore_radius_mm / robot.end_wheel_radius_mm
+        end += rim * (turned + feed_forward_s * rate)
+    names = motor_names(robot)
+    return np.column_stack([leg] * robot.leg_count + [end] * (len(names) - robot.leg_count))
+
+
+def _smooth_move(time: np.ndarray, start_s: float, duration_s: float, ramp_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Way and speed of a move at unit speed whose speed rises and falls smoothly (3 u^2 - 2 u^3) over `ramp_s`."""
+
+    def risen(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u = np.clip(t / ramp_s, 0, 1)
+        return ramp_s * (u**3 - u**4 / 2) + np.maximum(t - ramp_s, 0), u * u * (3 - 2 * u)
+
+    up, down = risen(time - start_s), risen(time - start_s - duration_s + ramp_s)
+    return up[0] - down[0], up[1] - down[1]
+
+
+def _place(data: Any, pipe: Pipe, robot: Robot, start_mm: float) -> None:
+    """On the axis, legs out to the wall.
+
+    Raises:
+        DriveFailed: when a leg cannot reach the wall.
+    """
+    stretch = pipe.bore_radius_mm - robot.bore_radius_mm
+    if abs(stretch) >= robot.leg_travel_mm:
+        raise DriveFailed(
+            f"the robot does not fit: its legs reach a bore of {robot.bore_radius_mm - robot.leg_travel_mm:g} to "
+            f"{robot.bore_radius_mm + robot.leg_travel_mm:g} mm radius, the pipe has {pipe.bore_radius_mm:g} mm"
+        )
+    data.qpos[:] = 0.0
+    data.qpos[2] = MM * (start_mm - robot.camera_ahead_mm)
+    data.qpos[3] = 1.0
+    for name in [f"leg{k}" for k in range(robot.leg_count)] + ["end_front_arm", "end_rear_arm"]:
+        data.joint(name).qpos[0] = MM * stretch
+
+
+def _settle(robot: RobotModel, data: Any, contacts: WallContacts) -> None:
+    """Let the robot sink into its springs, motors holding.
+
+    Raises:
+        DriveFailed: when it does not come to rest.
+    """
+    import mujoco
+
+    robot.model.dof_damping[:] *= SETTLE_DAMPING
+    for _ in range(round(SETTLE_S / STEP_S)):
+        step(robot.model, data, contacts)
+    robot.model.dof_damping[:] /= SETTLE_DAMPING
+    mujoco.mj_kinematics(robot.model, data)
+    if not np.abs(data.qvel[:3]).max() < MM * STILL_MM_S:
+        raise DriveFailed("the robot does not come to rest at the start; it slips or its springs do not hold it")
+
+
+def _check(motion: Motion, i: int, pipe: Pipe, robot: Robot, settings: RobotDrive) -> None:
+    """Raise a `DriveFailed` when the robot at step i is no longer driving."""
+    position = motion.readout(POSITION)[i] / MM
+    where = f"at {i * STEP_S:.2f} s, camera at z = {position[2]:.0f} mm"
+    axis = rotation_from_wxyz(motion.readout(ATTITUDE)[i])[:, 2]
+    tilt_deg = np.degrees(np.arccos(np.clip(axis[2], -1, 1)))
+    if not tilt_deg <= settings.tipped_deg:
+        raise DriveFailed(f"the robot tips by {tilt_deg:.1f} degrees {where}")
+    chassis = position - robot.camera_ahead_mm * axis
+    if np.hypot(*chassis[:2]) > pipe.bore_radius_mm - robot.chassis_radius_mm:
+        raise DriveFailed(f"the chassis rubs on the wall {where}")
+    if not motion.touching[i].any():
+        raise DriveFailed(f"no wheel touches the wall {where}")
+    rolled = np.median(_leg_angles(motion, robot)[i] - _leg_angles(motion, robot)[0]) * robot.wheel_radius_mm
+    travelled = position[2] - motion.readout(POSITION)[0, 2] / MM
+    if abs(rolled - travelled) > settings.stuck_mm:
+        raise DriveFailed(f"the robot is stuck {where}: wheels rolled {rolled:.0f} mm, it went {travelled:.0f} mm")
+
+
+def _leg_angles(motion: Motion, robot: Robot) -> Float[np.ndarray, "n legs"]:
+    """Angle of each leg's motor, whose encoder sits on the front wheel's shaft."""
+    names = [f"leg{k}_front" for k in range(robot.leg_count)]
+    return np.hstack([motion.readout(WHEEL_ANGLE.format(name)) for name in names])
+
+
+def truth_of(pipe: Pipe, robot: Robot, motion: Motion) -> Truth:
+    """The truth of a motion: in millimetres, its clock at zero, its encoders at zero."""
+    time = STEP_S * np.arange(motion.sensor.shape[0])
+    q = motion.readout(ATTITUDE)
+    # The accelerometer feels the wall, not gravity.
+    felt = np.einsum("nij,nj->ni", rotation_from_wxyz(q), motion.readout(ACCELEROMETER))
+    angle = _leg_angles(motion, robot)
+    names = wheel_names(robot)[: 2 * robot.leg_count]
+    hub_mm = np.column_stack([motion.readout(WHEEL_HUB.format(name))[:, 2] / MM for name in names])
+    pair_mm = hub_mm.reshape(time.size, robot.leg_count, 2).mean(axis=2)
+    slip = np.gradient(angle * robot.wheel_radius_mm - pair_mm, STEP_S, axis=0)
+    return Truth(
+        pipe=pipe,
+        time_s=time,
+        position_mm=motion.readout(POSITION) / MM,
+        q_pipe_camera_wxyz=q,
+        acceleration_mm_s2=(felt + GRAVITY_M_S2 * gravity_direction(pipe)) / MM,
+        angular_velocity_camera_rad_s=motion.readout(GYRO).copy(),
+        wheel_angle_rad=angle - angle[0],
+        slip_mm_s=slip,
+    )
