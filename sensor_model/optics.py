@@ -1,0 +1,105 @@
+"""The optics of the sensor as settings: what wall, projector light, lens and image chip do to a picture."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from sensor_model.rig import Projector
+from sensor_model.settings import Settings
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Channels = tuple[Share, Share, Share]
+NonNegative = Annotated[float, Field(ge=0)]
+
+REFERENCE_RANGE_MM = 130.0  # fall-off with distance is 1 here
+
+
+class Optics(Settings):
+    """Every effect of the picture, each with its own setting and a zero (for `gamma`: a one) that switches it off.
+
+    The first group acts where the picture is drawn, the second where it is exposed. Reflectance and the colours of the
+    projector's light are no effects, and stay. Shares and noise are of full scale, in linear light.
+    """
+
+    wall_reflectance: Channels = (0.92, 0.80, 0.70)
+    red_light: Channels = (1.0, 0.16, 0.10)
+    yellow_light: Channels = (0.76, 0.66, 0.33)
+    blue_light: Channels = (0.30, 0.34, 0.82)
+    distance_power: NonNegative = 1.5
+    """Light falls with this power of the distance from the projector; 2 is a bare point source."""
+    angle_power: NonNegative = 1.0
+    """Light falls with this power of the cosine between light and wall normal; 1 is Lambert's law."""
+    slide_jag_deg: NonNegative = 0.06
+    """Largest shift of a slit's edges along the azimuth: the print of the slide, the same in every picture."""
+
+    inter_reflection: NonNegative = 0.55
+    """Light that reaches the wall by way of the wall; 1 is a matt cylinder with the wall's own reflectance."""
+    haze: Share = 0.06
+    """Share of the light that lens and air scatter widely over the picture."""
+    defocus_px: NonNegative = 1.3
+    """Blur (standard deviation) at the far end of the picture's depth range; none at the focused depth."""
+    focus_deg: NonNegative = 45.0
+    """Angle from the optical axis at which a bore is in focus."""
+    color_bleed: Share = 0.18
+    """Share of each channel that comes from the other two."""
+    exposure: Annotated[float, Field(gt=0)] = 1.0
+    shot_noise: NonNegative = 0.012
+    """Standard deviation at full scale; it falls with the root of the light."""
+    read_noise: NonNegative = 0.003
+    gamma: Annotated[float, Field(ge=1, le=3)] = 2.0
+    """Tone curve: stored value = light to the power of 1 / gamma."""
+    lost_bits: Annotated[int, Field(ge=0, le=6)] = 0
+    """Bits of quantisation lost beyond the eight of the file."""
+
+    @classmethod
+    def ideal(cls) -> Optics:
+        """Every effect off: matt white wall, evenly lit, a perfect lens and chip."""
+        off = dict.fromkeys(
+            ("distance_power", "angle_power", "slide_jag_deg", "inter_reflection", "haze", "defocus_px", "color_bleed"),
+            0.0,
+        )
+        white = (1.0, 1.0, 1.0)
+        return cls(wall_reflectance=white, shot_noise=0, read_noise=0, exposure=1, gamma=1, **off)
+
+    def noiseless(self) -> Optics:
+        """The same optics without the two noises that differ from picture to picture."""
+        return self.model_copy(update={"shot_noise": 0.0, "read_noise": 0.0})
+
+
+class Light(NamedTuple):
+    """The projector's light as compiled code and the shader read it; angles as tangents of the half angle, or rad."""
+
+    lit_from: np.ndarray  # tangent where each band's light begins
+    lit_to: np.ndarray  # and ends
+    colors: np.ndarray  # (bands, 3) wall reflectance times light
+    jag_rad: float
+    strut_azimuth_rad: float
+    strut_half_width_rad: float
+    strut_softness_rad: float
+    housing_radius_mm: float
+    distance_power: float
+    angle_power: float
+
+
+def light(projector: Projector, optics: Optics) -> Light:
+    """What leaves the projector, band by band."""
+    half_slit = np.radians(projector.slit_width_deg) / 2
+    slits = projector.slit_half_angles_rad
+    inner, outer = np.radians([projector.inner_half_angle_deg, projector.outer_half_angle_deg])
+    by_letter = {"R": optics.red_light, "Y": optics.yellow_light, "B": optics.blue_light}
+    colors = np.array([by_letter[letter] for letter in projector.band_colors]) * np.array(optics.wall_reflectance)
+    return Light(
+        np.tan(np.concatenate([[inner], slits + half_slit])),
+        np.tan(np.concatenate([slits - half_slit, [outer]])),
+        colors,
+        float(np.radians(optics.slide_jag_deg)),
+        float(np.radians(projector.strut_clock_deg)),
+        float(np.radians(projector.strut_width_deg)) / 2,
+        float(np.radians(projector.strut_softness_deg)),
+        projector.housing_radius_mm,
+        optics.distance_power,
+        optics.angle_power,
+    )
