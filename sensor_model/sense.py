@@ -17,6 +17,7 @@ from sensor_model.recording import NominalPipe, write_frame_list, write_logs
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
 from sensor_model.streams import stream
+from sensor_model.workers import spread
 from twin.truth import Truth
 
 Fidelity = Literal["picture", "raycast", "points"]
@@ -64,21 +65,10 @@ def sense(
         (truth.pipe, pose, true_rig, sensing, seed, index, folder / "cam0" / "data" / f"{stamp}{suffix}")
         for index, (pose, stamp) in enumerate(zip(poses, stamps, strict=True))
     ]
-    yield from _spread(jobs, workers if sensing.fidelity != "points" else 1)
+    # slit pixels are found faster than a worker starts
+    finished = spread(write_frame, jobs, 1 if sensing.fidelity == "points" else workers)
+    yield from (done for done, _ in enumerate(finished, start=1))
     write_frame_list(folder, stamps, suffix)
-
-
-def _spread(jobs: list, workers: int) -> Iterator[int]:
-    if workers == 1:
-        for done, job in enumerate(jobs, start=1):
-            write_frame(*job)
-            yield done
-        return
-    from joblib import Parallel, delayed
-
-    tasks = (delayed(write_frame)(*job) for job in jobs)
-    for done, _ in enumerate(Parallel(n_jobs=workers, return_as="generator_unordered")(tasks), start=1):
-        yield done
 
 
 def write_frame(

@@ -1,0 +1,126 @@
+"""The whole measurement: a fold over frames, so that a live robot and a log on disk run the same code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from algorithms.localisation.odometry import Odometry, advance, launch, predict
+from algorithms.method import Method
+from algorithms.registration import REGISTRATIONS
+from algorithms.registration.fusion import covariance, fuse
+from algorithms.sizing.background import deviation_mm, noise_mm
+from algorithms.sizing.measure import measure_defects
+from algorithms.sizing.thresholds import THRESHOLDS
+from algorithms.triangulate import triangulate
+from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory
+from algorithms.wall_map import MapBuilder, add_points, finish_map
+from sensor_model.recording import Frame, NominalPipe, SlitPixels
+from sensor_model.rig import Rig
+
+FORWARD = np.array([0.0, 0.0, 1.0])
+
+
+class ReconstructionFailed(RuntimeError):
+    """The scan gives no wall map; the message says why."""
+
+
+@dataclass
+class State:
+    """What is carried from frame to frame."""
+
+    rig: Rig
+    pipe: NominalPipe
+    method: Method
+    builder: MapBuilder
+    odometry: Odometry | None = None
+    results: list[FrameResult] = field(default_factory=list)
+
+
+def begin(rig: Rig, pipe: NominalPipe, method: Method) -> State:
+    """Start a scan."""
+    return State(rig, pipe, method, MapBuilder(method.map))
+
+
+def see(frame: Frame, rig: Rig, method: Method) -> SlitPixels:
+    """The slit pixels of a frame: decoded from its picture, unless it came with them."""
+    if frame.slit_pixels is not None:
+        return frame.slit_pixels
+    from algorithms.decode import decode
+
+    return decode(frame.picture, rig, method.decode)
+
+
+def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
+    """One frame: triangulate, predict, register, fuse, map."""
+    points = triangulate(seen, state.rig)
+    align = REGISTRATIONS[state.method.registration.kind][1]
+    if state.odometry is None:
+        state.odometry = _launched(state, frame, points)
+    else:
+        state.odometry = advance(state.odometry, frame, state.rig)
+    prior = predict(state.odometry, frame, state.rig, state.method.localisation)
+    alignment = align(points, state.pipe, prior, state.method.registration)
+    if alignment.converged:
+        alignment = fuse(prior, alignment)
+        add_points(state.builder, points, alignment, state.pipe)
+    possible = state.method.decode.azimuths * len(state.rig.projector.slits)
+    result = FrameResult(frame.index, frame.stamp_ns, points, alignment, points.sigma_mm.size / possible)
+    state.results.append(replace(result, points=_NOTHING))  # the points live on in the map only
+    return result
+
+
+def _launched(state: State, frame: Frame, points: RingPoints) -> Odometry:
+    """Roll by gravity about the pipe's axis, which the first fit gives."""
+    level = launch(frame, state.rig, FORWARD)
+    align = REGISTRATIONS[state.method.registration.kind][1]
+    first = align(
+        points, state.pipe, predict(level, frame, state.rig, state.method.localisation), state.method.registration
+    )
+    return launch(frame, state.rig, first.T_pipe_camera[2, :3]) if first.converged else level
+
+
+_NOTHING = RingPoints(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+
+
+def finish(state: State) -> Reconstruction:
+    """Close the map and size the defects.
+
+    Raises:
+        ReconstructionFailed: when no frame could be registered, with the commonest reason.
+    """
+    if not any(result.alignment.converged for result in state.results):
+        reasons = [result.alignment.reason for result in state.results] or ["there are no frames"]
+        raise ReconstructionFailed(f"no frame registered: {max(set(reasons), key=reasons.count)}")
+    wall = finish_map(state.builder)
+    deviation = deviation_mm(wall)
+    noise = noise_mm(deviation)
+    sizing = state.method.sizing
+    seen = deviation[np.isfinite(deviation)]
+    threshold = THRESHOLDS[sizing.threshold.rule](seen, noise, sizing.threshold)
+    defects = measure_defects(wall, deviation, threshold, noise, state.pipe, sizing)
+    return Reconstruction(trajectory(state.results), wall, deviation, noise, threshold, defects)
+
+
+def trajectory(results: list[FrameResult]) -> Trajectory:
+    """The path, one row a frame."""
+    alignments: list[Alignment] = [result.alignment for result in results]
+    return Trajectory(
+        stamp_ns=np.array([result.stamp_ns for result in results], dtype=np.int64),
+        T_pipe_camera=np.array([a.T_pipe_camera for a in alignments]),
+        covariance=np.array([covariance(a.information) for a in alignments]),
+        registered=np.array([a.converged for a in alignments]),
+        radius_mm=np.array([a.radius_mm for a in alignments]),
+        decode_yield=np.array([result.decode_yield for result in results]),
+        reason=tuple(a.reason for a in alignments),
+    )
+
+
+def reconstruct(recording: Iterable[Frame], rig: Rig, pipe: NominalPipe, method: Method) -> Reconstruction:
+    """The fold over a whole recording."""
+    state = begin(rig, pipe, method)
+    for frame in recording:
+        step(state, frame, see(frame, rig, method))
+    return finish(state)

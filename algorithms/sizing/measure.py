@@ -1,0 +1,150 @@
+"""Defects from the wall map: cells beyond the threshold are joined, and each defect sized at half its own depth."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+from scipy import ndimage
+
+from algorithms.sizing.thresholds import ThresholdSettings
+from algorithms.types import Defect, WallMap
+from sensor_model.recording import NominalPipe
+from sensor_model.settings import Settings
+
+DEEPEST_PERCENTILE = 95.0  # of a defect's smoothed cells: largest, but not one cell's luck
+EDGE_QUANTILE = 0.1  # an edge lies where this share of the lines begins; its outermost lines may be stray
+
+
+class SizingSettings(Settings):
+    """Threshold, the gap over which cells are joined, and the smallest defect that is called."""
+
+    threshold: ThresholdSettings = ThresholdSettings()
+    join_mm: Annotated[float, Field(ge=0, le=50)] = 3.0
+    min_length_mm: Annotated[float, Field(ge=0)] = 3.0
+    min_width_mm: Annotated[float, Field(ge=0)] = 3.0
+    min_cells: Annotated[int, Field(ge=1)] = 10
+
+
+class Extent(NamedTuple):
+    """Both edges of a defect along one direction, mm, and the standard deviation of their distance."""
+
+    start_mm: float
+    end_mm: float
+    std_mm: float
+
+
+def segment(
+    deep: Bool[np.ndarray, "around along"], wall: WallMap, inner_radius_mm: float, join_mm: float
+) -> Int[np.ndarray, "around along"]:
+    """Number the groups of deep cells, joined over small gaps and across 12 o'clock; 0 is no defect."""
+    reach_z = int(join_mm / 2 / _cell_z(wall))
+    reach_arc = int(join_mm / 2 / _cell_arc(wall, inner_radius_mm))
+    near = ndimage.grey_dilation(deep.astype(np.uint8), size=(2 * reach_arc + 1, 2 * reach_z + 1), mode=("wrap", "constant"))
+    labels, _ = ndimage.label(near, structure=np.ones((3, 3)))
+    for a, b in {(a, b) for a, b in zip(labels[0], labels[-1], strict=True) if a and b and a != b}:
+        labels[labels == max(a, b)] = min(a, b)
+    return np.where(deep, labels, 0)
+
+
+def measure_defects(
+    wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], threshold_mm: float, noise_mm: float,
+    pipe: NominalPipe, settings: SizingSettings,
+) -> tuple[Defect, ...]:
+    """Every defect deeper than the threshold, in order of distance."""
+    labels = segment(deviation_mm > threshold_mm, wall, pipe.inner_radius_mm, settings.join_mm)
+    found = []
+    for label in np.unique(labels[labels > 0]):
+        defect = measure_one(wall, deviation_mm, labels == label, noise_mm, pipe)
+        big = defect.length_mm >= settings.min_length_mm and defect.width_mm >= settings.min_width_mm
+        if big and defect.seen_cells >= settings.min_cells:
+            found.append(defect)
+    return tuple(sorted(found, key=lambda defect: defect.start_mm))
+
+
+def measure_one(
+    wall: WallMap,
+    deviation_mm: Float[np.ndarray, "around along"],
+    cells: Bool[np.ndarray, "around along"],
+    noise_mm: float,
+    pipe: NominalPipe,
+) -> Defect:
+    """Size one defect: depth over the background, then both extents at half of that depth."""
+    # the wall is rolled so that the defect's middle is the map's, and it never crosses the seam
+    columns = np.flatnonzero(cells.any(axis=1))
+    middle = np.angle(np.exp(1j * wall.theta_rad[columns]).mean())
+    turn = wall.theta_rad.size // 2 - int(np.argmin(np.abs(np.angle(np.exp(1j * (wall.theta_rad - middle))))))
+    deviation, inside = np.roll(deviation_mm, turn, axis=0), np.roll(cells, turn, axis=0)
+
+    depth = float(np.percentile(deviation[inside], DEEPEST_PERCENTILE))
+    floor = inside & (deviation > 0.5 * depth)
+    columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
+    cell_z, cell_arc = _cell_z(wall), _cell_arc(wall, pipe.inner_radius_mm)
+
+    axial = _extent([_line(deviation[c], floor[c], depth / 2, rim_casts_shadow=True) for c in columns], cell_z)
+    arc = _extent([_line(deviation[:, r], floor[:, r], depth / 2, rim_casts_shadow=False) for r in rows], cell_arc)
+    half_turn = 2 * np.pi / wall.theta_rad.size
+    theta = wall.theta_rad[0] + ((arc.start_mm + arc.end_mm) / 2 / cell_arc - turn) * half_turn
+    box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
+    level = deviation[floor]
+    scanned = wall.scanned()
+    return Defect(
+        start_mm=float(wall.z_mm[0] + axial.start_mm),
+        length_mm=axial.end_mm - axial.start_mm,
+        width_mm=arc.end_mm - arc.start_mm,
+        depth_mm=depth,
+        theta_rad=float(np.mod(theta, 2 * np.pi)),
+        wall_loss_pct=100 * depth / pipe.wall_thickness_mm,
+        length_std_mm=axial.std_mm,
+        width_std_mm=arc.std_mm,
+        depth_std_mm=float(np.hypot(noise_mm, np.std(level) / np.sqrt(level.size))),
+        unseen_share=float(np.mean(~np.isfinite(box))),
+        seen_cells=int(inside.sum()),
+        cut_by_scan_end=bool(rows[0] <= scanned.start or rows[-1] >= scanned.stop - 1),
+    )
+
+
+def _line(deviation: np.ndarray, floor: np.ndarray, level: float, rim_casts_shadow: bool) -> tuple[float, float]:
+    """Where one line of the map rises above a level and falls below it again, in cells, between cells; NaN if unseen."""
+    deep = np.flatnonzero(floor)
+    seen = np.flatnonzero(np.isfinite(deviation))
+    before, after = seen[seen < deep[0]], seen[seen > deep[-1]]
+    if before.size == 0 or after.size == 0:
+        return np.nan, np.nan
+    start = _crossing(deviation, int(before[-1]), int(deep[0]), level, rim_casts_shadow)
+    return start, _crossing(deviation, int(after[0]), int(deep[-1]), level, rim_casts_shadow=False)
+
+
+def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float, rim_casts_shadow: bool) -> float:
+    """Place between a wall cell and a deep one at which the level is crossed.
+
+    Light comes from behind: the near rim hides the first part of the floor, so where cells between rim and floor were
+    not seen the edge is at the rim itself.
+    """
+    if rim_casts_shadow and abs(deep - outside) > 2:
+        return outside + 0.5
+    low, high = deviation[outside], deviation[deep]
+    share = np.clip((level - low) / (high - low), 0.0, 1.0) if high > low else 0.5
+    return outside + share * (deep - outside)
+
+
+def _extent(edges: list[tuple[float, float]], cell_mm: float) -> Extent:
+    """Edges over all lines: a low quantile of where they begin, a high one of where they end."""
+    start, end = np.array(edges).T
+    start, end = start[np.isfinite(start)] * cell_mm, end[np.isfinite(end)] * cell_mm
+    if start.size == 0 or end.size == 0:
+        return Extent(np.nan, np.nan, np.inf)
+    # half a cell of quantisation at each edge, and what the lines' scatter leaves after averaging
+    scatter = [1.4826 * np.median(np.abs(edge - np.median(edge))) / np.sqrt(edge.size) for edge in (start, end)]
+    std = float(np.sqrt(scatter[0] ** 2 + scatter[1] ** 2 + 2 * cell_mm**2 / 12))
+    return Extent(float(np.quantile(start, EDGE_QUANTILE)), float(np.quantile(end, 1 - EDGE_QUANTILE)), std)
+
+
+def _cell_z(wall: WallMap) -> float:
+    return float(wall.z_mm[1] - wall.z_mm[0])
+
+
+def _cell_arc(wall: WallMap, inner_radius_mm: float) -> float:
+    return inner_radius_mm * 2 * np.pi / wall.theta_rad.size

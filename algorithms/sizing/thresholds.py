@@ -1,0 +1,39 @@
+"""Blind choices of the depth above which a cell belongs to a defect: one function and one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import Field
+
+from sensor_model.settings import Settings
+
+
+class ThresholdSettings(Settings):
+    """Which rule, and its figures: the smallest depth worth calling, and how far above the map's noise."""
+
+    rule: Literal["noise", "otsu"] = "noise"
+    noise_sigmas: Annotated[float, Field(gt=1)] = 6.0
+    min_depth_mm: Annotated[float, Field(gt=0)] = 0.4
+
+
+def by_noise(deviation_mm: Float[np.ndarray, "n"], noise_mm: float, settings: ThresholdSettings) -> float:
+    """So many standard deviations of the wall map's own noise."""
+    return max(settings.noise_sigmas * noise_mm, settings.min_depth_mm)
+
+
+def by_otsu(deviation_mm: Float[np.ndarray, "n"], noise_mm: float, settings: ThresholdSettings) -> float:
+    """The first of two levels that part the map's histogram in three (multi-Otsu), never below the noise's."""
+    from skimage.filters import threshold_multiotsu
+
+    floor = by_noise(deviation_mm, noise_mm, settings)
+    raised = deviation_mm[deviation_mm > floor / 2]
+    if np.unique(raised).size < 16:
+        return floor
+    return max(float(threshold_multiotsu(raised, classes=3)[0]), floor)
+
+
+THRESHOLDS: dict[str, Callable[..., float]] = {"noise": by_noise, "otsu": by_otsu}

@@ -1,0 +1,268 @@
+"""Scoring: the only place where truth and estimate meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from algorithms.types import FrameResult, Reconstruction
+from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
+from scenarios.matching import match
+from scenarios.oracle import oracle_err_pct
+from sensor_model.geometry import apply, fisheye_rays, half_angle_rad, twist_about_z_rad, wall_angle_rad, wrap_rad
+from sensor_model.points import first_wall_points
+from sensor_model.rig import Rig
+from twin.pipe import Pipe
+from twin.truth import Truth
+
+NEAR_DEFECT_MM = 5.0
+SAME_CLOCK_DEG = 0.01
+
+
+@dataclass(frozen=True)
+class Score:
+    """One flat row; `None` where the scenario leaves a figure without meaning (no defect found, say)."""
+
+    defects_true: int
+    defects_found: int
+    false_calls: int
+    length_error_mm_max: float | None
+    width_error_mm_max: float | None
+    depth_error_mm_max: float | None
+    depth_bias_mm: float | None
+    eq29_err_pct_max: float | None
+    eq29_oracle_err_pct_max: float | None
+    eq30_error_pct_max: float | None
+    eq32_quality_pct: float | None
+    radius_closeness_pct: float
+    radius_closeness_wall_pct: float
+    normal_variance: float
+    center_variance_mm2: float
+    center_variance_wall_mm2: float
+    center_rms_mm: float
+    tilt_rms_deg: float
+    roll_rms_deg: float
+    roll_max_deg: float
+    distance_error_pct: float
+    clock_spread_deg: float | None
+    frames: int
+    frames_registered: int
+    decode_yield: float
+    not_seen_share: float | None
+    wrong_words: float
+    map_rms_mm: float
+    seen_share: float
+
+
+MEANINGS = {
+    "defects_true": "defects in the pipe",
+    "defects_found": "of them found",
+    "false_calls": "calls that match no true defect",
+    "length_error_mm_max": "largest error of length (axial, at half depth), blind sizing",
+    "width_error_mm_max": "largest error of width (arc, at half depth), blind sizing",
+    "depth_error_mm_max": "largest error of the largest depth",
+    "depth_bias_mm": "mean signed error of depth",
+    "eq29_err_pct_max": "Eq. 29, blind, worst defect",
+    "eq29_oracle_err_pct_max": "Eq. 29 with the threshold chosen by the TRUE size (oracle), worst defect",
+    "eq30_error_pct_max": "Eq. 30, worst defect",
+    "eq32_quality_pct": "Eq. 32, depth quality",
+    "radius_closeness_pct": "Eq. 28, all points of a frame",
+    "radius_closeness_wall_pct": "Eq. 28 without defect points",
+    "normal_variance": "Table 1: variance of the frames' plane normals",
+    "center_variance_mm2": "Table 1: variance of the frames' circle centres",
+    "center_variance_wall_mm2": "the same without defect points",
+    "center_rms_mm": "camera centre across the pipe against the true pose, RMS",
+    "tilt_rms_deg": "pipe axis against the true pose, RMS",
+    "roll_rms_deg": "roll against the true pose, RMS",
+    "roll_max_deg": "roll against the true pose, largest",
+    "distance_error_pct": "travel at the end against the truth, in % of travel",
+    "clock_spread_deg": "spread of measured clock positions over defects that truly share one",
+    "frames": "frames in the recording",
+    "frames_registered": "of them registered",
+    "decode_yield": "slit pixels found, of all slits times azimuths",
+    "not_seen_share": "share of the true defects' floor that no ring showed",
+    "wrong_words": "share of decoded points given to a wrong slit, by the truth",
+    "map_rms_mm": "wall map against the true radius, seen cells, RMS",
+    "seen_share": "share of the scanned wall's cells that were seen",
+}
+
+
+@dataclass
+class FrameTally:
+    """What scoring gathers from each frame as it passes, so that no points need to be kept."""
+
+    pipe: Pipe
+    rig: Rig
+    points: int = 0
+    wrong: int = 0
+    radius_mm: list[float] = field(default_factory=list)
+    radius_wall_mm: list[float] = field(default_factory=list)
+    center_mm: list[np.ndarray] = field(default_factory=list)
+    center_wall_mm: list[np.ndarray] = field(default_factory=list)
+    normal: list[np.ndarray] = field(default_factory=list)
+
+
+def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray, "4 4"]) -> None:
+    """Take one frame's figures: wrong words by the true pose, and the paper's circle and plane of Fig. 11c."""
+    points = result.points
+    if points.sigma_mm.size:
+        tally.points += points.sigma_mm.size
+        tally.wrong += int(np.sum(true_slits(tally.pipe, tally.rig, points.pixel, T_true) != points.ring))
+    if not result.alignment.converged:
+        return
+    xyz = apply(result.alignment.T_pipe_camera, points.xyz_mm)
+    wall = ~near_defect(tally.pipe, xyz)
+    center, radius = circle(xyz[:, :2])
+    center_wall, radius_wall = circle(xyz[wall, :2]) if wall.sum() > 10 else (center, radius)
+    tally.center_mm.append(center)
+    tally.radius_mm.append(radius)
+    tally.center_wall_mm.append(center_wall)
+    tally.radius_wall_mm.append(radius_wall)
+    tally.normal.append(plane_normal(xyz))
+
+
+def true_slits(
+    pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]
+) -> np.ndarray:
+    """The slit whose cone really passes nearest to the wall point that a pixel shows; -1 off the pipe."""
+    rays = fisheye_rays(pixel, rig.camera.intrinsics) @ T_true[:3, :3].T
+    wall = first_wall_points(pipe.wall, T_true[:3, 3].copy(), rays, pipe.start_mm, pipe.end_mm)
+    on_wall = (wall - T_true[:3, 3]) @ T_true[:3, :3]
+    angle = half_angle_rad(on_wall, np.array(rig.projector.apex_mm), rig.projector.T_camera_projector[:3, 2])
+    nearest = np.argmin(np.abs(angle[:, None] - rig.projector.slit_half_angles_rad), axis=1)
+    return np.where(np.isfinite(angle), nearest, -1)
+
+
+def near_defect(pipe: Pipe, xyz_pipe_mm: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+    """Points on or close to a true defect."""
+    near = np.zeros(len(xyz_pipe_mm), dtype=bool)
+    theta = wall_angle_rad(xyz_pipe_mm[:, 0], xyz_pipe_mm[:, 1])
+    for feature in pipe.features:
+        size = feature.size(pipe.bore_radius_mm)
+        dz = np.abs(xyz_pipe_mm[:, 2] - feature.distance_mm)
+        arc = np.abs(wrap_rad(theta - np.radians(feature.clock_deg))) * pipe.bore_radius_mm
+        near |= (dz < size.length_mm / 2 + NEAR_DEFECT_MM) & (arc < size.width_mm / 2 + NEAR_DEFECT_MM)
+    return near
+
+
+def score(found: Reconstruction, truth: Truth, tally: FrameTally) -> Score:
+    """Compare a reconstruction with what really happened."""
+    return Score(**_defects(found, truth.pipe), **_table1(tally, truth.pipe), **_poses(found, truth), **_map(found, truth))
+
+
+def _worst(values: list[float]) -> float | None:
+    return float(np.max(np.abs(values))) if values else None
+
+
+def _defects(found: Reconstruction, pipe: Pipe) -> dict:
+    pairs = match(pipe, found.defects)
+    rows = [(pipe.features[i].size(pipe.bore_radius_mm), found.defects[j], pipe.features[i]) for i, j in pairs]
+    measured = np.array([[d.length_mm, d.width_mm, d.depth_mm] for _, d, _ in rows]).reshape(-1, 3)
+    true = np.array([list(size) for size, _, _ in rows]).reshape(-1, 3)
+    error = measured - true
+    return {
+        "defects_true": len(pipe.features),
+        "defects_found": len(pairs),
+        "false_calls": len(found.defects) - len(pairs),
+        "length_error_mm_max": _worst(list(error[:, 0])),
+        "width_error_mm_max": _worst(list(error[:, 1])),
+        "depth_error_mm_max": _worst(list(error[:, 2])),
+        "depth_bias_mm": float(error[:, 2].mean()) if rows else None,
+        "eq29_err_pct_max": _worst([err_pct(m[0], m[1], t[0], t[1]) for m, t in zip(measured, true, strict=True)]),
+        "eq29_oracle_err_pct_max": _worst([oracle_err_pct(pipe, feature, found) for _, _, feature in rows]),
+        "eq30_error_pct_max": _worst([error_pct(m, t) for m, t in zip(measured, true, strict=True)]),
+        "eq32_quality_pct": depth_quality_pct(measured[:, 2], true[:, 2]) if rows else None,
+        "clock_spread_deg": _clock_spread_deg(rows),
+    }
+
+
+def _clock_spread_deg(rows: list) -> float | None:
+    """Largest disagreement in clock position between defects that truly share one; None without two such."""
+    spread = [
+        abs(float(np.degrees(wrap_rad(a[1].theta_rad - b[1].theta_rad))))
+        for k, a in enumerate(rows)
+        for b in rows[k + 1 :]
+        if abs(a[2].clock_deg - b[2].clock_deg) < SAME_CLOCK_DEG
+    ]
+    return max(spread) if spread else None
+
+
+def _table1(tally: FrameTally, pipe: Pipe) -> dict:
+    return {
+        "radius_closeness_pct": radius_closeness_pct(np.array(tally.radius_mm), pipe.bore_radius_mm),
+        "radius_closeness_wall_pct": radius_closeness_pct(np.array(tally.radius_wall_mm), pipe.bore_radius_mm),
+        "normal_variance": float(np.var(np.array(tally.normal), axis=0).sum()),
+        "center_variance_mm2": float(np.var(np.array(tally.center_mm), axis=0).sum()),
+        "center_variance_wall_mm2": float(np.var(np.array(tally.center_wall_mm), axis=0).sum()),
+        "wrong_words": tally.wrong / max(tally.points, 1),
+    }
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Estimated less true poses of the registered frames, one row a frame."""
+
+    z_true_mm: Float[np.ndarray, "n"]
+    center_mm: Float[np.ndarray, "n 2"]
+    distance_mm: Float[np.ndarray, "n"]
+    tilt_deg: Float[np.ndarray, "n"]
+    roll_deg: Float[np.ndarray, "n"]
+
+
+def pose_errors(found: Reconstruction, truth: Truth) -> PoseErrors:
+    """Errors of the trajectory against the true poses at the frames' own stamps."""
+    path, ok = found.trajectory, found.trajectory.registered
+    T_true = truth.pose_at(np.clip(path.stamp_ns[ok] / 1e9, truth.time_s[0], truth.time_s[-1]))
+    T = path.T_pipe_camera[ok]
+    # the pipe's axis in camera coordinates is the third row of R_pipe_camera
+    cosine = np.clip(np.sum(T[:, 2, :3] * T_true[:, 2, :3], axis=1), -1, 1)
+    sine = np.linalg.norm(np.cross(T[:, 2, :3], T_true[:, 2, :3]), axis=1)
+    turn = T[:, :3, :3] @ np.swapaxes(T_true[:, :3, :3], -1, -2)
+    shift = T[:, :3, 3] - T_true[:, :3, 3]
+    return PoseErrors(
+        z_true_mm=T_true[:, 2, 3],
+        center_mm=shift[:, :2],
+        distance_mm=shift[:, 2],
+        tilt_deg=np.degrees(np.arctan2(sine, cosine)),
+        roll_deg=np.degrees(twist_about_z_rad(turn)),
+    )
+
+
+def _poses(found: Reconstruction, truth: Truth) -> dict:
+    errors = pose_errors(found, truth)
+    travel = max(float(np.ptp(errors.z_true_mm)), 1e-9)
+    return {
+        "center_rms_mm": float(np.sqrt(np.mean(np.sum(errors.center_mm**2, axis=1)))),
+        "tilt_rms_deg": float(np.sqrt(np.mean(errors.tilt_deg**2))),
+        "roll_rms_deg": float(np.sqrt(np.mean(errors.roll_deg**2))),
+        "roll_max_deg": float(np.max(np.abs(errors.roll_deg))),
+        "distance_error_pct": float(abs(errors.distance_mm[-1] - errors.distance_mm[0]) / travel * 100),
+        "frames": len(found.trajectory.stamp_ns),
+        "frames_registered": int(found.trajectory.registered.sum()),
+        "decode_yield": float(found.trajectory.decode_yield.mean()),
+    }
+
+
+def _map(found: Reconstruction, truth: Truth) -> dict:
+    wall, pipe = found.wall, truth.pipe
+    scanned = wall.scanned()
+    radius, z = wall.radius_mm[:, scanned], wall.z_mm[scanned]
+    true = pipe.radius(wall.theta_rad[:, None], z[None, :])
+    seen = np.isfinite(radius)
+    floor = np.zeros(seen.shape, dtype=bool)
+    for feature in pipe.features:
+        size = feature.size(pipe.bore_radius_mm)
+        near = np.abs(z - feature.distance_mm)[None, :] <= size.length_mm / 2
+        arc = wrap_rad(wall.theta_rad - np.radians(feature.clock_deg)) * pipe.bore_radius_mm
+        near = near & (np.abs(arc)[:, None] <= size.width_mm / 2)
+        floor |= near & (true - pipe.bore_radius_mm > size.depth_mm / 2)
+    return {
+        "not_seen_share": float(np.mean(~seen[floor])) if floor.any() else None,
+        "map_rms_mm": float(np.sqrt(np.mean((radius - true)[seen] ** 2))),
+        "seen_share": float(seen.mean()),
+    }
+
+
+NAMES = [entry.name for entry in fields(Score)]
