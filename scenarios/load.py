@@ -1,0 +1,322 @@
+"""A scenario file (or a name out of the library) as a `Scenario`, with everything that is wrong in it said at once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from io import StringIO
+from math import hypot
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.representer import SafeRepresenter
+
+from scenarios.document import BadInput, Document, Keys, dotted, nearest, parse, read_file, shown, with_settings
+from scenarios.scenario import Scenario
+from twin.drives import AnyDrive
+from twin.features import AnyFeature
+from twin.features.base import HALF_BOX_Z, Feature
+from twin.pipe import Pipe
+
+__all__ = [
+    "BadInput",
+    "cross_checks",
+    "library",
+    "load_scenario",
+    "parse",
+    "read_scenario_file",
+    "scenario_yaml",
+    "to_scenario",
+    "with_settings",
+]
+
+LIBRARY = Path(__file__).parent / "library"
+TOLERANCE_MM = 1e-9
+MOST_LINES = 50
+
+FEATURE: TypeAdapter = TypeAdapter(AnyFeature)
+DRIVE: TypeAdapter = TypeAdapter(AnyDrive)
+
+WANTED = {  # pydantic's kind of error -> what is allowed, where its own words would not help a person
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "bool_type": "must be true or false",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+    "dict_type": "must be a mapping of keys to values",
+    "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
+    "missing": "required",
+}
+
+
+class Fault(NamedTuple):
+    """One thing that is wrong: where, what was given, and what would do."""
+
+    keys: Keys
+    got: str
+    allowed: str
+    of_key: bool = False
+
+
+def library() -> dict[str, Path]:
+    """The scenarios that come with pipetwin, by name."""
+    return {path.stem: path for path in sorted(LIBRARY.glob("*.yaml"))}
+
+
+def load_scenario(name_or_path: str, changes: Sequence[str] = (), seed: int | None = None) -> Scenario:
+    """Read a scenario, with `path.to.field=value` changes and another seed laid over it.
+
+    Raises:
+        BadInput: with a line for every fault, `file:line:column: field.path: got VALUE; what is allowed`.
+    """
+    document = with_settings(read_scenario_file(name_or_path), changes)
+    if seed is not None:
+        document = with_settings(document, [f"seed={seed}"], flag="--seed")
+    return to_scenario(document)
+
+
+def read_scenario_file(name_or_path: str) -> Document:
+    """The document of a library name, or else of a path.
+
+    Raises:
+        BadInput: when there is no such scenario, or it is no YAML.
+    """
+    known = library()
+    if name_or_path in known:
+        return read_file(known[name_or_path])
+    is_file_like = "/" in name_or_path or "." in name_or_path
+    if not is_file_like and not Path(name_or_path[:255] or "-").exists():
+        names = ", ".join(known)
+        near = nearest(name_or_path, list(known))
+        raise BadInput([f"{shown(name_or_path)}: no such scenario; give a file, or one of {names}{near}"])
+    return read_file(Path(name_or_path))
+
+
+def to_scenario(document: Document) -> Scenario:
+    """Check a document and make the scenario of it.
+
+    Raises:
+        BadInput: with a line for every fault.
+    """
+    data, lines = _frozen(document.data), list(document.faults)
+    faults: list[Fault] = []
+    if not isinstance(data, dict):
+        raise BadInput([*lines, _line(document, Fault((), shown(data), "a scenario is a mapping of keys to values"))])
+    try:
+        scenario = Scenario.model_validate(data, strict=True)
+    except ValidationError:
+        faults = _faults(_all_errors(data), data)
+    faults += cross_checks(*_sound_parts(data))
+    if not faults and not lines:
+        return scenario
+    lines += [_line(document, fault) for fault in faults]
+    if len(lines) > MOST_LINES:
+        lines[MOST_LINES:] = [f"{document.source}: and {len(lines) - MOST_LINES} more"]
+    raise BadInput(lines)
+
+
+def scenario_yaml(scenario: Scenario) -> str:
+    """The scenario with every setting written out, as YAML that reads back to the same scenario."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Representer = _ShortLists
+    yaml.default_flow_style, yaml.width = False, 110
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # its None is a default
+    text = StringIO()
+    yaml.dump(scenario.model_dump(mode="json"), text)
+    return text.getvalue()
+
+
+class _ShortLists(SafeRepresenter):
+    """Writes a list of plain values on one line, and all else as a block."""
+
+    def represent_list(self, data: list) -> Any:
+        plain = not any(isinstance(item, dict | list) for item in data)
+        return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
+
+
+_ShortLists.add_representer(list, _ShortLists.represent_list)
+
+
+def _frozen(value: Any) -> Any:
+    """Lists as tuples, which is what settings hold and all that strict validation takes."""
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
+
+
+# ---- what a feature, the pipe and the drive must agree on
+
+
+def cross_checks(pipe: Pipe | None, features: dict[int, Feature], drive: Any) -> list[Fault]:
+    """Faults that lie between sound parts: features and drive against the pipe (None where a part is unsound)."""
+    if pipe is None:
+        return []
+    faults = [fault for index, feature in features.items() for fault in _feature_faults(pipe, index, feature)]
+    return faults + list(_drive_faults(pipe, drive))
+
+
+def _feature_faults(pipe: Pipe, index: int, feature: Feature) -> Iterator[Fault]:
+    keys: Keys = ("pipe", "features", index)
+    deepest = feature.size(pipe.bore_radius_mm).depth_mm
+    if deepest > pipe.wall_mm + TOLERANCE_MM:
+        at = "" if deepest == feature.depth_mm else f" ({deepest:.4g} mm where it is deepest)"
+        allowed = f"must be at most the wall, {pipe.wall_mm:g} mm{at}"
+        yield Fault((*keys, "depth_mm"), f"{feature.depth_mm:g}", allowed)
+    half = float(feature.row()[HALF_BOX_Z])
+    low, high = feature.distance_mm - half, feature.distance_mm + half
+    if low < pipe.start_mm - TOLERANCE_MM or high > pipe.end_mm + TOLERANCE_MM:
+        where = f"the {feature.kind} would reach from {low:g} to {high:g} mm"  # type: ignore[attr-defined]
+        allowed = f"{where}, and the pipe from {pipe.start_mm:g} to {pipe.end_mm:g} mm"
+        yield Fault((*keys, "distance_mm"), f"{feature.distance_mm:g}", allowed)
+
+
+def _drive_faults(pipe: Pipe, drive: Any) -> Iterator[Fault]:
+    places: dict[Keys, Any] = {(name,): getattr(drive, name, None) for name in ("start_mm", "end_mm")}
+    places |= {("stages", i, "to_mm"): stage.to_mm for i, stage in enumerate(getattr(drive, "stages", ()))}
+    for keys, place in places.items():
+        if isinstance(place, int | float) and not pipe.start_mm <= place <= pipe.end_mm:
+            allowed = f"must lie in the pipe, from {pipe.start_mm:g} to {pipe.end_mm:g} mm"
+            yield Fault(("drive", *keys), f"{place:g}", allowed)
+    offset = getattr(drive, "offset_mm", (0.0, 0.0))
+    if hypot(*offset) >= pipe.bore_radius_mm:
+        yield Fault(("drive", "offset_mm"), shown(offset), f"must lie within the bore, {pipe.bore_radius_mm:g} mm")
+
+
+def _sound_parts(data: dict) -> tuple[Pipe | None, dict[int, Feature], Any]:
+    """Pipe, features and drive as far as each is sound by itself, so that one fault does not hide another."""
+    given = data.get("pipe")
+    if not isinstance(given, dict):
+        return None, {}, None
+    listed = given.get("features", ())
+    features = {i: _or_none(FEATURE, item) for i, item in enumerate(listed if isinstance(listed, tuple) else ())}
+    pipe = _or_none(TypeAdapter(Pipe), {**given, "features": ()})
+    return pipe, {i: item for i, item in features.items() if item is not None}, _or_none(DRIVE, data.get("drive"))
+
+
+def _or_none(adapter: TypeAdapter, data: Any) -> Any:
+    try:
+        return adapter.validate_python(data, strict=True)
+    except ValidationError:
+        return None
+
+
+# ---- pydantic's errors in words that lead to the line
+
+
+def _all_errors(data: dict) -> list[dict]:
+    """All errors; a broken `rig` stops the validator that lays `true_rig` over it, so the two are checked in turn."""
+    errors = _errors_of({key: item for key, item in data.items() if key != "true_rig"})
+    if "true_rig" in data:
+        rig = {} if any(error["loc"][:1] == ("rig",) for error in errors) else data.get("rig", {})
+        errors += [error for error in _errors_of({**data, "rig": rig}) if error["loc"][:1] == ("true_rig",)]
+    return errors
+
+
+def _errors_of(data: dict) -> list[dict]:
+    try:
+        Scenario.model_validate(data, strict=True)
+    except ValidationError as error:
+        return error.errors(include_url=False)  # type: ignore[return-value]
+    return []
+
+
+def _faults(errors: list[dict], data: dict) -> list[Fault]:
+    """The errors as faults; a required key that is only misspelt is not said to be missing as well."""
+    located = [(*_located(error["loc"], data), error) for error in errors]
+    misspelt = set()
+    for keys, model, error in located:
+        if error["type"] == "extra_forbidden" and model is not None:
+            misspelt.add((*keys[:-1], nearest(keys[-1], list(model.model_fields))))
+    kept = [
+        (keys, model, error)
+        for keys, model, error in located
+        if error["type"] != "missing" or (*keys[:-1], f"; did you mean {keys[-1]}") not in misspelt
+    ]
+    return [_fault(keys, model, error) for keys, model, error in kept]
+
+
+def _located(loc: tuple, data: Any) -> tuple[Keys, type[BaseModel] | None]:
+    """The keys of an error as the file has them, and the settings class that the last of them belongs to.
+
+    Pydantic puts the kind of a union's member into the path; the file has no such level.
+    """
+    keys: Keys = ()
+    models: list[type[BaseModel]] = [Scenario]
+    owner: type[BaseModel] | None = Scenario
+    for part in loc:
+        kind = data.get("kind") if isinstance(data, dict) else None
+        if part == kind and len(models) > 1:
+            models = [model for model in models if model.model_fields["kind"].default == kind]
+            continue
+        keys = (*keys, part)
+        if isinstance(part, str):
+            owner = models[0] if len(models) == 1 else None
+            field = owner.model_fields.get(part) if owner else None
+            models = _models_in(field.annotation) if field else []
+        inside = isinstance(data, dict) or (isinstance(data, tuple) and isinstance(part, int) and part < len(data))
+        data = (data.get(part) if isinstance(data, dict) else data[part]) if inside else None
+    return keys, owner
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
+
+
+def _fault(keys: Keys, model: type[BaseModel] | None, error: dict) -> Fault:
+    """One pydantic error in a person's words."""
+    kind, value, context = error["type"], error.get("input"), error.get("ctx", {})
+    if kind == "extra_forbidden":
+        names = list(model.model_fields) if model else []
+        known = f"known here: {', '.join(names)}" if names else "no such key is known here"
+        return Fault(keys, "an unknown key", known + nearest(keys[-1], names), of_key=True)
+    if kind == "missing":
+        return Fault(keys, "nothing", WANTED[kind])
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        kinds = _quoted(context.get("expected_tags", "")) or _kinds(keys)
+        got = shown(context["tag"]) if "tag" in context else "nothing"
+        allowed = f"must be one of {', '.join(kinds)}{nearest(context.get('tag'), kinds)}"
+        return Fault((*keys, "kind"), got, allowed)
+    if kind == "literal_error":
+        choices = _quoted(context["expected"])
+        return Fault(keys, shown(value), f"must be one of {context['expected']}{nearest(value, choices)}")
+    if kind == "value_error":
+        return Fault(keys, shown(value), str(context["error"]))
+    allowed = WANTED.get(kind) or _in_our_words(error["msg"])
+    if str(keys[-1] if keys else "").endswith("clock_deg") and kind in ("float_type", "float_parsing"):
+        allowed = "must be degrees, or a clock position from 1:00 to 12:59"
+    return Fault(keys, shown(value), allowed[:1].lower() + allowed[1:])
+
+
+def _in_our_words(message: str) -> str:
+    for theirs, ours in (("Input should", "must"), ("String should", "must"), ("Tuple should", "the list must")):
+        message = message.replace(theirs, ours)
+    return message
+
+
+def _quoted(text: str) -> list[str]:
+    return re.findall(r"'([^']*)'", text)
+
+
+def _kinds(keys: Keys) -> list[str]:
+    """The kinds that a union knows, for an error that does not list them."""
+    owner: list[type[BaseModel]] = [Scenario]
+    for part in keys:
+        if isinstance(part, str) and len(owner) == 1 and part in owner[0].model_fields:
+            owner = _models_in(owner[0].model_fields[part].annotation)
+    return [model.model_fields["kind"].default for model in owner]
+
+
+def _line(document: Document, fault: Fault) -> str:
+    place = document.place(fault.keys, fault.of_key)
+    name = dotted(fault.keys)
+    field = "" if place.endswith(f" {name}") else f"{name}: "  # a --set already names it
+    return f"{place}: {field}got {fault.got}; {fault.allowed}"
