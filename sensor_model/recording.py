@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -90,19 +90,24 @@ class Recording:
             IndexError: past the last frame.
             BadRecording: for a picture that cannot be read or has the wrong size.
         """
+        frame, file = self.frame(index), self.folder / self.frame_files[index]
+        if file.suffix == ".npz":
+            return replace(frame, slit_pixels=_read_slit_pixels(file))
+        return replace(frame, picture=self._read_picture(file))
+
+    def frame(self, index: int) -> Frame:
+        """One frame without its picture: its stamp and what the other sensors said.
+
+        Raises:
+            IndexError: past the last frame.
+        """
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         stamp_ns = int(self.frame_stamps_ns[index])
-        file = self.folder / self.frame_files[index]
-        picture = slit_pixels = None
-        if file.suffix == ".npz":
-            slit_pixels = _read_slit_pixels(file)
-        else:
-            picture = self._read_picture(file)
         held = np.clip(stamp_ns, self.orientation_stamps_ns[0], self.orientation_stamps_ns[-1])
         attitude = self._attitude(held / 1e9).as_quat()[[3, 0, 1, 2]]
         counts = np.array([np.interp(stamp_ns, self.encoder_stamps_ns, wheel) for wheel in self.counts.T])
-        return Frame(index, stamp_ns, picture, slit_pixels, attitude, counts)
+        return Frame(index, stamp_ns, None, None, attitude, counts)
 
     def _read_picture(self, file: Path) -> UInt8[np.ndarray, "height width 3"]:
         import cv2

@@ -1,0 +1,170 @@
+"""One scenario through the whole chain: simulate, sense, reconstruct, score, report; all of it in one folder."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from algorithms.method import Method
+from algorithms.reconstruct import ReconstructionFailed, begin, finish, see, step
+from algorithms.types import Reconstruction
+from scenarios.artefacts import write_reconstruction
+from scenarios.load import scenario_yaml
+from scenarios.run_folder import run_folder
+from scenarios.scenario import Scenario
+from scenarios.score import FrameTally, Score, score, tally_frame
+from sensor_model.recording import Recording, SlitPixels, open_recording
+from sensor_model.sense import frame_times_s, sense
+from sensor_model.streams import stream
+from sensor_model.workers import spread
+from twin.simulate import DriveFailed, simulate
+from twin.truth import Truth, save_truth
+
+Report = Callable[[str, int, int], None]
+SAMPLES = 3
+
+
+class RunFailed(RuntimeError):
+    """A stage of the run failed; the message says which and why."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One frame kept for the report: where it was taken, and what was seen in it."""
+
+    index: int
+    z_mm: float
+    seen: SlitPixels
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything that the report shows."""
+
+    scenario: Scenario
+    truth: Truth
+    recording: Recording
+    found: Reconstruction
+    score: Score
+    samples: tuple[Sample, ...]
+
+
+def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[str, float | int | None]:
+    """Run a scenario into a folder, which appears when it is whole; returns the score.
+
+    Raises:
+        BadInput: when the folder cannot be written.
+        RunFailed: when a stage fails.
+    """
+    seconds: dict[str, float] = {}
+    with run_folder(out) as folder:
+        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
+        with _stage("drive", seconds):
+            progress("drive", 0, 1)
+            truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
+            save_truth(truth, folder / "truth")
+            progress("drive", 1, 1)
+        with _stage("sense", seconds):
+            recording = _sensed(scenario, truth, folder / "recording", workers, progress)
+        with _stage("reconstruct", seconds):
+            found, tally, samples = _reconstructed(scenario, truth, recording, workers, progress)
+            write_reconstruction(found, folder / "reconstruction")
+        with _stage("score", seconds):
+            result = score(found, truth, tally)
+            (folder / "score.json").write_text(json.dumps(asdict(result), indent=1) + "\n")
+        with _stage("report", seconds):
+            from scenarios.report.page import write_report
+
+            write_report(Run(scenario, truth, recording, found, result, samples), folder / "report.html")
+        (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds), indent=1) + "\n")
+    return asdict(result)
+
+
+@contextmanager
+def _stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
+    """Time a stage, and give its failures its name."""
+    start = time.perf_counter()
+    try:
+        yield
+    except (DriveFailed, ReconstructionFailed, ValueError, OSError) as error:
+        raise RunFailed(f"{name}: {error}") from error
+    seconds[name] = round(time.perf_counter() - start, 3)
+
+
+def _sensed(scenario: Scenario, truth: Truth, folder: Path, workers: int, progress: Report) -> Recording:
+    true_rig = scenario.true_rig or scenario.rig
+    total = len(frame_times_s(truth, scenario.sensing))
+    for done in sense(truth, true_rig, scenario.rig, scenario.sensing, scenario.seed, folder, workers):
+        progress(f"sense ({scenario.sensing.fidelity})", done, total)
+    return open_recording(folder)
+
+
+def _reconstructed(
+    scenario: Scenario, truth: Truth, recording: Recording, workers: int, progress: Report
+) -> tuple[Reconstruction, FrameTally, tuple[Sample, ...]]:
+    """The fold over the recording, with pictures decoded ahead by the workers and each frame's figures taken."""
+    T_true = truth.pose_at(np.minimum(recording.frame_stamps_ns / 1e9, truth.time_s[-1]))
+    tally = FrameTally(truth.pipe, scenario.true_rig or scenario.rig)
+    state = begin(recording.rig, recording.pipe, scenario.method)
+    kept, samples = set(_sample_indices(truth, T_true)), []
+    ahead = 1 if scenario.sensing.fidelity == "points" else workers
+    jobs = ((str(recording.folder), index, scenario.method) for index in range(len(recording)))
+    for index, seen in enumerate(spread(_seen, jobs, ahead)):
+        result = step(state, recording.frame(index), seen)
+        tally_frame(tally, result, T_true[index])
+        if index in kept:
+            samples.append(Sample(index, float(T_true[index, 2, 3]), seen))
+        progress("reconstruct", index + 1, len(recording))
+    return finish(state), tally, tuple(samples)
+
+
+def _seen(folder: str, index: int, method: Method) -> SlitPixels:
+    recording = _opened(folder)
+    return see(recording[index], recording.rig, method)
+
+
+@cache
+def _opened(folder: str) -> Recording:
+    return open_recording(Path(folder))
+
+
+def _sample_indices(truth: Truth, T_true: np.ndarray) -> list[int]:
+    """Frames worth a look: the first, and those whose middle ring lies on each defect's middle."""
+    look_ahead = 1.5 * truth.pipe.bore_radius_mm
+    places = [feature.distance_mm - look_ahead for feature in truth.pipe.features]
+    nearest = [int(np.argmin(np.abs(T_true[:, 2, 3] - z))) for z in places]
+    return sorted({0, *nearest})[:SAMPLES]
+
+
+def provenance(scenario: Scenario, seconds: dict[str, float]) -> dict:
+    """What made this result: versions, seed, git state, seconds per stage, peak memory."""
+    import platform
+    import resource
+    import subprocess
+
+    def git(*words: str) -> str:
+        here = Path(__file__).parent
+        done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=False)  # noqa: S603, S607
+        return done.stdout.strip() if done.returncode == 0 else "unknown"
+
+    packages = ("mujoco", "numpy", "scipy", "numba", "opencv-python-headless", "pyrender", "trimesh")
+    peak = [resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return {
+        "pipetwin": version("pipetwin"),
+        "python": platform.python_version(),
+        "packages": {name: version(name) for name in packages},
+        "seed": scenario.seed,
+        "git_commit": git("rev-parse", "HEAD"),
+        "git_changed": bool(git("status", "--porcelain")),
+        "seconds": seconds,
+        "seconds_total": round(sum(seconds.values()), 3),
+        "peak_memory_mb": {"this_process": round(peak[0]), "largest_worker": round(peak[1])},
+    }
