@@ -32,7 +32,7 @@ class Robot(Settings):
 
     wheel_radius_mm: Annotated[float, Field(gt=2)] = 19.0
     wheel_width_mm: Positive = 10.0
-    wheel_crown_radius_mm: Positive = 40.0
+    wheel_crown_radius_mm: Positive = 20.0
     wheel_spacing_mm: Positive = 80.0
     wheel_mass_kg: Positive = 0.02
     wheel_friction: Positive = 0.6
@@ -47,7 +47,10 @@ class Robot(Settings):
 
     chassis_radius_mm: Positive = 32.0
     chassis_length_mm: Positive = 180.0
-    chassis_mass_kg: Positive = 0.9
+    chassis_mass_kg: Positive = 0.5
+    # At the tail, opposite the sensor, where they balance it.
+    batteries_mass_kg: Positive = 0.4
+    batteries_behind_mm: NotNegative = 80.0
     sensor_radius_mm: Positive = 15.0
     sensor_length_mm: Positive = 80.0
     sensor_mass_kg: Positive = 0.25

@@ -49,7 +49,8 @@ def build_model(pipe: Pipe, robot: Robot, build: Build) -> RobotModel:
     model = robot_spec(pipe, robot, build).compile()
     names = wheel_names(robot)
     leg_shape = (robot.wheel_radius_mm, robot.wheel_crown_radius_mm, robot.wheel_width_mm / 2)
-    end_shape = (robot.end_wheel_radius_mm, robot.end_wheel_radius_mm, robot.wheel_width_mm / 2)
+    # Hemispheres (section 3.3), so that they climb an edge that runs across their path.
+    end_shape = (robot.end_wheel_radius_mm, robot.end_wheel_radius_mm, 0.9 * robot.end_wheel_radius_mm)
     sensors = [model.sensor(i) for i in range(model.nsensor)]
     return RobotModel(
         model=model,
@@ -88,6 +89,7 @@ def _add_chassis(spec: Any, robot: Robot) -> Any:
     chassis = spec.worldbody.add_body(name=CHASSIS)
     chassis.add_freejoint()
     _add_cylinder(chassis, CHASSIS, robot.chassis_radius_mm, robot.chassis_length_mm, robot.chassis_mass_kg, Z)
+    _add_mass(chassis, robot.batteries_mass_kg, -robot.batteries_behind_mm)
     sensor_z = robot.camera_ahead_mm - robot.sensor_length_mm / 2
     _add_cylinder(chassis, "sensor", robot.sensor_radius_mm, robot.sensor_length_mm, robot.sensor_mass_kg, Z, sensor_z)
     chassis.add_site(name=CAMERA, pos=MM * robot.camera_ahead_mm * Z)
@@ -160,7 +162,7 @@ def _add_motor(spec: Any, robot: Robot, name: str, joint: str, radius_mm: float)
     """
     import mujoco
 
-    carried = (robot.chassis_mass_kg + robot.sensor_mass_kg) / robot.leg_count
+    carried = (robot.chassis_mass_kg + robot.batteries_mass_kg + robot.sensor_mass_kg) / robot.leg_count
     inertia = MM**2 * (robot.motor_inertia_kg_mm2 + carried * radius_mm**2)
     pulse = 2 * np.pi * robot.motor_servo_hz
     stiffness, damping = inertia * pulse**2, 2 * inertia * pulse
@@ -178,11 +180,18 @@ def _add_motor(spec: Any, robot: Robot, name: str, joint: str, radius_mm: float)
     )
 
 
-def _add_mass(body: Any, mass_kg: float) -> None:
-    """A point-like lump (a small ball, so that its inertia is not zero)."""
+def _add_mass(body: Any, mass_kg: float, z_mm: float = 0.0) -> None:
+    """A lump (a small ball, so that its inertia is not zero)."""
     import mujoco
 
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[10 * MM, 0, 0], mass=mass_kg, contype=0, conaffinity=0)
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[10 * MM, 0, 0],
+        pos=MM * z_mm * Z,
+        mass=mass_kg,
+        contype=0,
+        conaffinity=0,
+    )
 
 
 def _add_cylinder(

@@ -12,8 +12,9 @@ from twin.pipe import Wall, wall_radius_mm
 from twin.robot_model import MM, WALL, RobotModel
 
 SCAN_RAD = 1.2  # how far around the rim, from its outermost point, a contact is looked for
-SCAN_POINTS = 49
-STATIONS = 5  # across the wheel's width
+SCAN_POINTS = 33
+STATIONS = 7  # across the wheel's width
+PLAIN_ROUNDS, SCAN_ROUNDS, SHRINK = 2, 8, 0.4
 PER_WHEEL = 2  # a wheel can bridge a gap on two points
 APART_MM = 3.0  # nearer than this, two points are one contact
 SLOPE_MM = 0.01  # half step of the differences that give the wall's normal
@@ -27,8 +28,8 @@ SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 def wheel_contacts(wall, hub_mm, axle, shape_mm):
     """Points where wheels press into the wall.
 
-    A wheel is a disc with a crowned rim (`shape_mm`: radius, crown radius, half width). On a plain bore its one contact
-    is the rim's middle; beside a feature the whole rim is searched, and a wheel may touch in two places.
+    A wheel is a disc with a rim crowned to a circle (`shape_mm`: radius, crown radius, half width). On a plain bore it
+    touches in one point; beside a feature the whole rim is searched, and it may touch in two.
 
     Args:
         wall: `Pipe.wall`.
@@ -45,52 +46,58 @@ def wheel_contacts(wall, hub_mm, axle, shape_mm):
     gap = np.empty(n * PER_WHEEL)
     point = np.empty((n * PER_WHEEL, 3))
     frame = np.empty((n * PER_WHEEL, 3, 3))
-    found = np.empty((PER_WHEEL, 2))
+    found = np.zeros((PER_WHEEL, 2))
     count = 0
     for i in range(n):
-        outward, forward = _rim_axes(hub_mm[i], axle[i])
+        disc = _disc(hub_mm[i], axle[i])
         if _beside_feature(wall, hub_mm[i], shape_mm[i, 0]):
-            touching = _scan(wall, hub_mm[i], axle[i], outward, forward, shape_mm[i], found)
+            touching = _scan(wall, disc, shape_mm[i], found)
         else:
-            found[0, 0] = _lowest(wall, hub_mm[i], axle[i], outward, forward, shape_mm[i], 0.0, 0.0)
-            found[0, 1] = 0.0
+            found[0] = _lowest(wall, disc, shape_mm[i], 0.0, 0.0, PLAIN_ROUNDS)
             touching = 1
         for k in range(touching):
-            p = _rim_point(hub_mm[i], axle[i], outward, forward, shape_mm[i], found[k, 0], found[k, 1])
-            raw = _gap(wall, p)
+            point[count] = _rim_point(disc, shape_mm[i], found[k, 0], found[k, 1])
+            raw = _gap(wall, point[count, 0], point[count, 1], point[count, 2])
             if raw >= 0.0:
                 continue
-            steep = _frame(wall, p, axle[i], frame[count])
-            wheel[count], gap[count] = i, raw / steep
-            point[count] = p
+            wheel[count] = i
+            gap[count] = raw / _frame(wall, point[count], axle[i], frame[count])
             count += 1
     return count, wheel, gap, point, frame
 
 
 @njit(cache=True)
-def _rim_axes(hub, axle):
-    """Unit vectors in the wheel's plane: away from the pipe's axis, and the one that sin(phi) belongs to."""
-    outward = np.array([hub[0], hub[1], 0.0])
-    outward = outward - np.dot(outward, axle) * axle
-    outward = outward / np.sqrt(np.dot(outward, outward))
-    return outward, np.cross(axle, outward)
+def _disc(hub, axle):
+    """Rows: hub, axle, and two unit vectors in the wheel's plane: away from the pipe's axis, and a quarter turn on."""
+    disc = np.empty((4, 3))
+    disc[0], disc[1] = hub, axle
+    disc[2] = hub[0], hub[1], 0.0
+    disc[2] -= np.dot(disc[2], axle) * axle
+    disc[2] /= np.sqrt(np.dot(disc[2], disc[2]))
+    disc[3] = np.cross(axle, disc[2])
+    return disc
 
 
 @njit(cache=True)
-def _rim_point(hub, axle, outward, forward, shape, phi, across):
-    radius = shape[0] - across * across / (2.0 * shape[1])
-    return hub + radius * (np.cos(phi) * outward + np.sin(phi) * forward) + across * axle
+def _rim_point(disc, shape, phi, across):
+    radius = shape[0] - shape[1] + np.sqrt(shape[1] * shape[1] - across * across)
+    out, on = radius * np.cos(phi), radius * np.sin(phi)
+    x = disc[0, 0] + across * disc[1, 0] + out * disc[2, 0] + on * disc[3, 0]
+    y = disc[0, 1] + across * disc[1, 1] + out * disc[2, 1] + on * disc[3, 1]
+    z = disc[0, 2] + across * disc[1, 2] + out * disc[2, 2] + on * disc[3, 2]
+    return x, y, z
 
 
 @njit(cache=True)
-def _gap(wall, p):
+def _gap(wall, x, y, z):
     """Radial distance from a point to the wall; below zero inside the material."""
-    return wall_radius_mm(wall, np.arctan2(p[0], -p[1]), p[2]) - np.hypot(p[0], p[1])
+    return wall_radius_mm(wall, np.arctan2(x, -y), z) - np.sqrt(x * x + y * y)
 
 
 @njit(cache=True)
-def _rim_gap(wall, hub, axle, outward, forward, shape, phi, across):
-    return _gap(wall, _rim_point(hub, axle, outward, forward, shape, phi, across))
+def _rim_gap(wall, disc, shape, phi, across):
+    x, y, z = _rim_point(disc, shape, phi, across)
+    return _gap(wall, x, y, z)
 
 
 @njit(cache=True)
@@ -107,55 +114,85 @@ def _beside_feature(wall, hub, radius):
 
 
 @njit(cache=True)
-def _lowest(wall, hub, axle, outward, forward, shape, phi, across):
-    """The angle of least gap near a given one, by parabolas through three points."""
-    d = SCAN_RAD / (SCAN_POINTS - 1)
-    for _ in range(3):
-        left = _rim_gap(wall, hub, axle, outward, forward, shape, phi - d, across)
-        here = _rim_gap(wall, hub, axle, outward, forward, shape, phi, across)
-        right = _rim_gap(wall, hub, axle, outward, forward, shape, phi + d, across)
-        bend = left - 2.0 * here + right
-        if bend <= 0.0:
-            break
-        phi += min(max(0.5 * d * (left - right) / bend, -d), d)
-        d *= 0.2
-    return phi
+def _lowest(wall, disc, shape, phi, across, rounds):
+    """Angle and place across of least gap near given ones, by parabolas in the one and the other in turn."""
+    d_phi, d_across = 2.0 * SCAN_RAD / (SCAN_POINTS - 1), 2.0 * shape[2] / (STATIONS - 1)
+    for _ in range(rounds):
+        left, here, right = (
+            _rim_gap(wall, disc, shape, phi - d_phi, across),
+            _rim_gap(wall, disc, shape, phi, across),
+            _rim_gap(wall, disc, shape, phi + d_phi, across),
+        )
+        move = d_phi * _parabola(left, here, right)
+        # A parabola does not know the kink that the edge of a pocket makes: never go uphill.
+        if _rim_gap(wall, disc, shape, phi + move, across) <= min(left, here, right):
+            phi += move
+        elif min(left, right) < here:
+            phi += -d_phi if left < right else d_phi
+        # The rim ends at half its width, so the middle of three must stay a step inside it.
+        middle = min(max(across, d_across - shape[2]), shape[2] - d_across)
+        left, here, right = (
+            _rim_gap(wall, disc, shape, phi, middle - d_across),
+            _rim_gap(wall, disc, shape, phi, middle),
+            _rim_gap(wall, disc, shape, phi, middle + d_across),
+        )
+        move = d_across * _parabola(left, here, right)
+        if _rim_gap(wall, disc, shape, phi, middle + move) <= min(left, here, right):
+            across = middle + move
+        elif min(left, right) < here:
+            across = middle + (-d_across if left < right else d_across)
+        d_phi, d_across = SHRINK * d_phi, SHRINK * d_across
+    return phi, across
 
 
 @njit(cache=True)
-def _scan(wall, hub, axle, outward, forward, shape, found):
+def _parabola(left, here, right):
+    """Where the parabola through three values, one step apart, is least, in steps from the middle; at most one."""
+    bend = left - 2.0 * here + right
+    if bend <= 1e-12:
+        return 0.0
+    return min(max(0.5 * (left - right) / bend, -1.0), 1.0)
+
+
+@njit(cache=True)
+def _scan(wall, disc, shape, found):
     """The two deepest points of the whole rim (angle, place across) that are not one; returns how many there are."""
+    gaps = np.full((STATIONS + 2, SCAN_POINTS + 2), np.inf)
+    step, apart = 2.0 * SCAN_RAD / (SCAN_POINTS - 1), 2.0 * shape[2] / (STATIONS - 1)
+    for s in range(STATIONS):
+        for j in range(SCAN_POINTS):
+            gaps[s + 1, j + 1] = _rim_gap(wall, disc, shape, j * step - SCAN_RAD, s * apart - shape[2])
     depth = np.full(PER_WHEEL, np.inf)
-    step = 2.0 * SCAN_RAD / (SCAN_POINTS - 1)
-    gaps = np.empty(SCAN_POINTS)
-    # Twice over the stations: the deepest point of all, then the deepest that stands apart from it.
+    for s in range(STATIONS):
+        for j in range(SCAN_POINTS):
+            here = gaps[s + 1, j + 1]
+            if here > 1.0 or here > gaps[s : s + 3, j : j + 3].min():
+                continue
+            phi, across = _lowest(wall, disc, shape, j * step - SCAN_RAD, s * apart - shape[2], SCAN_ROUNDS)
+            _keep(shape[0], phi, across, _rim_gap(wall, disc, shape, phi, across), depth, found)
+    return (depth[0] < np.inf) + (depth[1] < np.inf)
+
+
+@njit(cache=True)
+def _keep(radius, phi, across, gap, depth, found):
+    """Enter one more point among the two deepest: in place of a neighbour it is deeper than, or of the shallower."""
+    near = -1
     for k in range(PER_WHEEL):
-        for s in range(STATIONS):
-            across = shape[2] * (2.0 * s / (STATIONS - 1) - 1.0)
-            for j in range(SCAN_POINTS):
-                gaps[j] = _rim_gap(wall, hub, axle, outward, forward, shape, j * step - SCAN_RAD, across)
-            for j in range(1, SCAN_POINTS - 1):
-                if gaps[j] > gaps[j - 1] or gaps[j] > gaps[j + 1] or gaps[j] > 0.1:
-                    continue
-                phi = _lowest(wall, hub, axle, outward, forward, shape, j * step - SCAN_RAD, across)
-                if k > 0 and np.hypot(shape[0] * (phi - found[0, 0]), across - found[0, 1]) < APART_MM:
-                    continue
-                gap = _rim_gap(wall, hub, axle, outward, forward, shape, phi, across)
-                if gap < depth[k]:
-                    depth[k] = gap
-                    found[k, 0], found[k, 1] = phi, across
-        if depth[k] == np.inf:
-            return k
-    return PER_WHEEL
+        if depth[k] < np.inf and np.hypot(radius * (phi - found[k, 0]), across - found[k, 1]) < APART_MM:
+            near = k
+    k = near if near >= 0 else int(np.argmax(depth))
+    if gap < depth[k]:
+        depth[k] = gap
+        found[k, 0], found[k, 1] = phi, across
 
 
 @njit(cache=True)
 def _frame(wall, p, axle, frame):
     """Fill the contact's axes; returns the slope of the gap along its normal, which turns a gap into a distance."""
-    for j in range(3):
-        step = np.zeros(3)
-        step[j] = SLOPE_MM
-        frame[0, j] = (_gap(wall, p + step) - _gap(wall, p - step)) / (2.0 * SLOPE_MM)
+    x, y, z, h = p[0], p[1], p[2], SLOPE_MM
+    frame[0, 0] = (_gap(wall, x + h, y, z) - _gap(wall, x - h, y, z)) / (2.0 * h)
+    frame[0, 1] = (_gap(wall, x, y + h, z) - _gap(wall, x, y - h, z)) / (2.0 * h)
+    frame[0, 2] = (_gap(wall, x, y, z + h) - _gap(wall, x, y, z - h)) / (2.0 * h)
     steep = np.sqrt(np.dot(frame[0], frame[0]))
     frame[0] /= steep
     rolling = np.cross(axle, frame[0])

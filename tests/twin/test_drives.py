@@ -1,0 +1,126 @@
+"""Laws that every drive obeys, whatever moves the camera."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation
+
+from twin.drives import DRIVES, AnyDrive
+from twin.drives.gantry import GantryDrive, Stage
+from twin.drives.robot import RobotDrive, RollStage
+from twin.pipe import Pipe
+from twin.robot import Robot
+from twin.simulate import simulate
+from twin.truth import ARRAYS, Truth
+
+PIPE = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
+ROBOT = Robot()
+EXAMPLES = {
+    "robot": RobotDrive(
+        start_mm=12.5, end_mm=90.0, roll=(RollStage(start_s=0.4, duration_s=0.6, rate_deg_s=15.0),), dwell_s=0.1
+    ),
+    "gantry": GantryDrive(
+        start_mm=12.5,
+        stages=(Stage(to_mm=60.0, roll_to_deg=20.0), Stage(to_mm=40.0)),
+        offset_mm=(4.0, -3.0),
+        tilt_deg=(2.0, -1.5),
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=sorted(DRIVES))
+def truth(request: pytest.FixtureRequest) -> Truth:
+    return simulate(PIPE, ROBOT, EXAMPLES[request.param], np.random.default_rng(3))
+
+
+@pytest.fixture
+def settings(truth: Truth, request: pytest.FixtureRequest) -> AnyDrive:
+    return EXAMPLES[request.node.callspec.params["truth"]]
+
+
+def test_every_kind_is_in_the_registry_and_has_an_example():
+    assert set(EXAMPLES) == set(DRIVES)
+    for kind, entry in DRIVES.items():
+        read = TypeAdapter(AnyDrive).validate_python(EXAMPLES[kind].model_dump())
+        assert type(read) is entry.settings
+        assert read == EXAMPLES[kind]
+
+
+def test_every_array_is_finite_and_a_row_a_time(truth):
+    for name in ARRAYS:
+        array = getattr(truth, name)
+        assert np.isfinite(array).all()
+        assert array.shape[0] == truth.time_s.size
+    assert truth.wheel_angle_rad.shape == truth.slip_mm_s.shape == (truth.time_s.size, ROBOT.leg_count)
+
+
+def test_the_clock_starts_at_zero_and_runs_at_500_hz_or_more(truth):
+    assert truth.time_s[0] == 0
+    assert (np.diff(truth.time_s) > 0).all()
+    assert np.diff(truth.time_s).max() <= 1 / 500 + 1e-12
+
+
+def test_it_starts_exactly_where_it_says_and_ends_near_there(truth, settings):
+    assert truth.position_mm[0, 2] == pytest.approx(settings.start_mm, abs=1e-9)
+    assert truth.position_mm[-1, 2] == pytest.approx(settings.end_mm, abs=0.5)
+    assert settings.span_mm[0] - 0.5 < truth.position_mm[:, 2].min()
+    assert truth.position_mm[:, 2].max() < settings.span_mm[1] + 0.5
+
+
+def test_it_starts_and_ends_at_rest(truth):
+    last = truth.time_s >= truth.time_s[-1] - 0.005
+    for part in (truth.position_mm[:4], truth.position_mm[last]):
+        assert np.ptp(part, axis=0).max() < 0.03
+
+
+def test_quaternions_are_unit(truth):
+    np.testing.assert_allclose(np.linalg.norm(truth.q_pipe_camera_wxyz, axis=1), 1.0, atol=1e-12)
+
+
+def test_acceleration_integrates_to_velocity_and_velocity_to_position(truth):
+    velocity = cumulative_trapezoid(truth.acceleration_mm_s2, truth.time_s, axis=0, initial=0)
+    np.testing.assert_allclose(velocity, np.gradient(truth.position_mm, truth.time_s, axis=0), atol=0.5)
+    position = cumulative_trapezoid(velocity, truth.time_s, axis=0, initial=0)
+    np.testing.assert_allclose(position, truth.position_mm - truth.position_mm[0], atol=0.3)
+
+
+def test_gyro_is_the_attitude_s_rate_in_the_camera_frame(truth):
+    attitude = Rotation.from_quat(truth.q_pipe_camera_wxyz[:, [1, 2, 3, 0]])
+    rate = (attitude[:-2].inv() * attitude[2:]).as_rotvec() / (truth.time_s[2:] - truth.time_s[:-2])[:, None]
+    np.testing.assert_allclose(truth.angular_velocity_camera_rad_s[1:-1], rate, atol=2e-3)
+
+
+def test_roll_goes_where_it_is_told(truth, settings):
+    roll_deg = np.degrees(2 * np.arctan2(truth.q_pipe_camera_wxyz[-1, 3], truth.q_pipe_camera_wxyz[-1, 0]))
+    told = settings.stages[0].roll_to_deg if settings.kind == "gantry" else 9.0
+    assert roll_deg == pytest.approx(told, rel=0.1)
+
+
+def test_encoders_turn_forward_with_travel(truth):
+    travel = truth.position_mm[:, 2] - truth.position_mm[0, 2]
+    rolled = np.median(truth.wheel_angle_rad, axis=1) * ROBOT.wheel_radius_mm
+    assert (truth.wheel_angle_rad[0] == 0).all()
+    np.testing.assert_allclose(rolled, travel, atol=0.002 * np.ptp(travel))
+
+
+def test_same_seed_same_bytes(truth, settings):
+    again = simulate(PIPE, ROBOT, settings, np.random.default_rng(3))
+    for field in fields(Truth):
+        if field.name != "pipe":
+            assert getattr(again, field.name).tobytes() == getattr(truth, field.name).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("drive", "words"),
+    [
+        (RobotDrive(end_mm=800), "sees 229 mm ahead, to 1029 mm, and the pipe ends at 900 mm"),
+        (RobotDrive(start_mm=-200, end_mm=0), "reaches 295 mm behind"),
+        (GantryDrive(start_mm=0, stages=(Stage(to_mm=-390),)), "the pipe starts at -400 mm"),
+    ],
+)
+def test_a_drive_that_leaves_the_pipe_is_refused(drive, words):
+    with pytest.raises(ValueError, match=words):
+        simulate(PIPE, ROBOT, drive, np.random.default_rng(0))
