@@ -191,7 +191,7 @@ def main() -> NoReturn:
     try:
         app(prog_name="pipetwin")
     except SystemExit as end:
-        if end.code == INTERRUPTED:
+        if end.code in (INTERRUPTED, TERMINATED):
             print("pipetwin: stopped; nothing half-written is left", file=sys.stderr)
         raise
     except Exception as error:

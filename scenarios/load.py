@@ -116,7 +116,9 @@ def to_scenario(document: Document) -> Scenario:
     faults += cross_checks(*_sound_parts(data))
     if not faults and not lines:
         return scenario
-    lines += [_line(document, fault) for fault in faults]
+    said = {line.split(": ")[0] for line in lines}  # an alias, say, is not a wrong type as well
+    lines += [line for fault in faults if (line := _line(document, fault)).split(": ")[0] not in said]
+    lines.sort(key=lambda line: _where(line, document.source))
     if len(lines) > MOST_LINES:
         lines[MOST_LINES:] = [f"{document.source}: and {len(lines) - MOST_LINES} more"]
     raise BadInput(lines)
@@ -178,10 +180,11 @@ def _feature_faults(pipe: Pipe, index: int, feature: Feature) -> Iterator[Fault]
 
 
 def _drive_faults(pipe: Pipe, drive: Any) -> Iterator[Fault]:
-    places: dict[Keys, Any] = {(name,): getattr(drive, name, None) for name in ("start_mm", "end_mm")}
+    named = {"start_mm", "end_mm"} & set(getattr(type(drive), "model_fields", ()))
+    places: dict[Keys, Any] = {(name,): getattr(drive, name) for name in sorted(named)}
     places |= {("stages", i, "to_mm"): stage.to_mm for i, stage in enumerate(getattr(drive, "stages", ()))}
     for keys, place in places.items():
-        if isinstance(place, int | float) and not pipe.start_mm <= place <= pipe.end_mm:
+        if not pipe.start_mm <= place <= pipe.end_mm:
             allowed = f"must lie in the pipe, from {pipe.start_mm:g} to {pipe.end_mm:g} mm"
             yield Fault(("drive", *keys), f"{place:g}", allowed)
     offset = getattr(drive, "offset_mm", (0.0, 0.0))
@@ -313,6 +316,12 @@ def _kinds(keys: Keys) -> list[str]:
         if isinstance(part, str) and len(owner) == 1 and part in owner[0].model_fields:
             owner = _models_in(owner[0].model_fields[part].annotation)
     return [model.model_fields["kind"].default for model in owner]
+
+
+def _where(line: str, source: str) -> tuple[int, int, int]:
+    """Orders lines as the file has them, and what came by the command line after it."""
+    match = re.match(rf"{re.escape(source)}:(\d+):(\d+): ", line)
+    return (0, int(match[1]), int(match[2])) if match else (1, 0, 0)
 
 
 def _line(document: Document, fault: Fault) -> str:

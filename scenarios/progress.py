@@ -5,17 +5,26 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from typing import TextIO
+from typing import Protocol, runtime_checkable
 
 BAR_WIDTH = 24
 BAR_EVERY_S = 0.1
 LINE_EVERY_S = 5.0
 
 
+@runtime_checkable
+class Stream(Protocol):
+    """What a progress needs of its stream."""
+
+    def write(self, text: str, /) -> int: ...  # noqa: D102
+    def flush(self) -> None: ...  # noqa: D102
+    def isatty(self) -> bool: ...  # noqa: D102
+
+
 class Progress:
     """Called as `progress(stage, done, total)`; every stage ends with a line of its own."""
 
-    def __init__(self, out: TextIO | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, out: Stream | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         self.out = out if out is not None else sys.stderr
         self.clock = clock
         self.bar = self.out.isatty()

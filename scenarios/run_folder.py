@@ -32,8 +32,8 @@ def run_folder(target: Path) -> Iterator[Path]:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         work.mkdir()
-    except OSError as error:
-        raise BadInput([f"{target}: cannot be written: {error.strerror}; choose another folder with -o"]) from error
+    except (OSError, ValueError) as error:
+        raise BadInput([f"{target}: cannot be written: {_why(error)}; choose another folder with -o"]) from error
     try:
         yield work
         if not (work / MARK).is_file():
@@ -55,8 +55,12 @@ def _check_replaceable(target: Path) -> None:
             raise BadInput([f"{target}: is the folder you are in; choose another with -o"])
         if target.is_dir() and not (target / MARK).is_file() and any(target.iterdir()):
             raise BadInput([f"{target}: holds something that is no pipetwin run; choose another folder with -o"])
-    except OSError as error:
-        raise BadInput([f"{target}: cannot be written: {error.strerror}; choose another folder with -o"]) from error
+    except (OSError, ValueError) as error:
+        raise BadInput([f"{target}: cannot be written: {_why(error)}; choose another folder with -o"]) from error
+
+
+def _why(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
 
 
 def _put_in_place(work: Path, target: Path) -> None:
@@ -95,8 +99,8 @@ def whole_file(target: Path) -> Iterator[Path]:
         if target.is_dir() or not target.name:
             raise BadInput([f"{target}: is a folder; give a file to write"])
         work.touch(exist_ok=False)
-    except OSError as error:
-        raise BadInput([f"{target}: cannot be written: {error.strerror}"]) from error
+    except (OSError, ValueError) as error:
+        raise BadInput([f"{target}: cannot be written: {_why(error)}"]) from error
     try:
         yield work
         work.replace(target)
