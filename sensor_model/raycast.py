@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numba import njit
 
 from sensor_model.geometry import fisheye_rays
-from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics, light
+from sensor_model.optics import REFERENCE_RANGE_MM, Optics, light
 from sensor_model.rig import Camera, Rig
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
 from twin.pipe import Pipe, Wall, wall_radius_mm
@@ -50,12 +50,26 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     view = _view(pipe, T_pipe_camera, rig)
     wall = near_wall(pipe, float(view.apex[2]))
     low = pipe.bore_radius_mm * (1 - wall.ovality)
-    if max(np.hypot(*view.eye[:2]), np.hypot(*view.apex[:2])) >= low:
-        raise ValueError("the camera and the projector's apex must lie inside the bore")
+    check_inside(pipe, T_pipe_camera, rig)
     rays = camera_rays(rig.camera)
     picture = np.zeros(rays.shape, dtype=np.float32)
     _draw(wall, low, view, light(rig.projector, optics), rays, picture)
     return picture
+
+
+def check_inside(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig) -> None:
+    """See that camera and projector are in the pipe.
+
+    Raises:
+        ValueError: when the camera or the projector's apex lies outside the bore.
+    """
+    apex = (T_pipe_camera @ rig.projector.T_camera_projector)[:3, 3]
+    for name, place in (("camera", T_pipe_camera[:3, 3]), ("projector", apex)):
+        offset = np.hypot(place[0], place[1])
+        if not offset < pipe.bore_radius_mm * (1 - pipe.wall.ovality):
+            raise ValueError(
+                f"the {name} is {offset:.1f} mm off the axis, outside the bore of {pipe.bore_radius_mm:.1f} mm"
+            )
 
 
 def near_wall(pipe: Pipe, z_mm: float) -> Wall:

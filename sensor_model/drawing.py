@@ -1,0 +1,382 @@
+"""The drawn picture by pyrender: the projector as a spot light with its own shadow, the fisheye in the vertex shader."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from sensor_model.geometry import inverse
+from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics, light
+from sensor_model.raycast import check_inside
+from sensor_model.rig import Camera, Rig
+from twin.mesh import Surface, bore_surface, feature_box, feature_surface
+from twin.pipe import Pipe
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+SHADERS = Path(__file__).parent / "shaders"
+SLIDE_TEXELS = 8192  # ten to a pixel of the picture
+CHUNK_MM = 100.0
+SHADOW_TEXELS = 2048
+SHADOW_BIAS_MM = 0.25
+SHADED_BEYOND_MM = 0.02  # the bore, being convex, shades nothing
+NEAREST_MM = 1.0
+HOLE_MM = 0.05
+
+
+def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: Optics) -> Float[np.ndarray, "h w 3"]:
+    """The direct picture in linear light, float32 RGB; 1 is a white wall at the reference distance, lit head-on.
+
+    The same signature and meaning as `raycast.draw`, which it is checked against. The first call in a process opens
+    its one renderer, which lives as long as the process.
+
+    Args:
+        pipe: What is looked at.
+        T_pipe_camera: Camera pose, mm.
+        rig: The true camera and projector.
+        optics: The settings that act on the wall; those of lens and chip are left to `expose`.
+
+    Raises:
+        ValueError: when the camera or the projector's apex lies outside the bore.
+        RuntimeError: when no GL can be had.
+    """
+    check_inside(pipe, T_pipe_camera, rig)
+    return _studio().draw(pipe, T_pipe_camera, rig, optics)
+
+
+@cache
+def _studio() -> Any:
+    _prepare_gl()
+    return _studio_class()()
+
+
+def _prepare_gl() -> ModuleType:
+    """Import pyrender for a machine without a display, one core to a process."""
+    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    os.environ.setdefault("PYGLET_HEADLESS", "1")
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe rasterises in the calling thread
+    if not hasattr(np, "infty"):
+        np.infty = np.inf  # type: ignore[attr-defined]  # pyrender's name for it, gone from numpy 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of pyrender's and PyOpenGL's own imports
+        warnings.simplefilter("ignore", UserWarning)
+        import pyrender
+    return pyrender
+
+
+def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig) -> tuple[float, float]:
+    """Distances along the pipe between which the projector's light can meet the wall or what shades it."""
+    T_pipe_projector = T_pipe_camera @ rig.projector.T_camera_projector
+    apex, axis = T_pipe_projector[:3, 3], T_pipe_projector[:3, 2]
+    tilt = np.arccos(np.clip(axis[2], -1, 1))
+    inner, outer = np.radians([rig.projector.inner_half_angle_deg, rig.projector.outer_half_angle_deg])
+    farthest = (pipe.outer_radius_mm + np.hypot(*apex[:2])) / np.tan(max(inner - tilt, 0.05))
+    nearest = (pipe.bore_radius_mm * (1 - pipe.wall.ovality) - np.hypot(*apex[:2])) / np.tan(min(outer + tilt, 1.5))
+    return float(apex[2] + nearest - 5.0), float(apex[2] + farthest + 5.0)
+
+
+def shadow_crop(
+    pipe: Pipe, features: list[int], T_projector_pipe: np.ndarray, outer_tangent: float
+) -> tuple[float, float, float, float, float] | None:
+    """Square of the projector's tangent plane that holds features: centre x, y, half side; then their depth range.
+
+    None where nothing can be shaded.
+    """
+    corners = []
+    for index in features:
+        box = feature_box(pipe, index)
+        theta = np.linspace(
+            box.theta_from_rad, box.theta_to_rad, 2 + int((box.theta_to_rad - box.theta_from_rad) / 0.05)
+        )
+        z = np.linspace(box.z_from_mm, box.z_to_mm, 2 + int((box.z_to_mm - box.z_from_mm) / 10))
+        for rho in (pipe.bore_radius_mm * (1 - pipe.wall.ovality), pipe.outer_radius_mm * 1.01):
+            t, at = (a.ravel() for a in np.meshgrid(theta, z))
+            corners.append(np.stack([rho * np.sin(t), -rho * np.cos(t), at, np.ones_like(at)], axis=-1))
+    if not corners:
+        return None
+    place = np.concatenate(corners) @ T_projector_pipe.T
+    place = place[place[:, 2] > NEAREST_MM]
+    tangents = place[:, :2] / place[:, 2:3]
+    seen = np.linalg.norm(tangents, axis=1) <= 1.1 * outer_tangent
+    if not seen.any():
+        return None
+    reach = 1.02 * outer_tangent
+    low = np.maximum(tangents[seen].min(axis=0), -reach)
+    high = np.minimum(tangents[seen].max(axis=0), reach)
+    half = float(max(high - low) / 2) * 1.05
+    middle = (low + high) / 2
+    return (
+        float(middle[0]),
+        float(middle[1]),
+        half,
+        max(float(place[:, 2].min()) - 5, NEAREST_MM),
+        float(place[:, 2].max()) + 5,
+    )
+
+
+def slide_table(beam: Light) -> tuple[Float[np.ndarray, "texels 4"], Float[np.ndarray, "4"]]:
+    """The slide as a table over the tangent of the half angle, and where that table and its light begin and end.
+
+    A row has the light of all bands summed up to its tangent, so that the light between any two tangents is a
+    difference, and the number of the nearest edge.
+    """
+    first, last = beam.lit_from[0] * 0.98, beam.lit_to[-1] * 1.02
+    tangent = np.linspace(first, last, SLIDE_TEXELS)
+    passed = np.clip(tangent[:, None], beam.lit_from, beam.lit_to) - beam.lit_from
+    edges = np.stack([beam.lit_from, beam.lit_to], axis=-1).ravel()
+    nearest = np.abs(tangent[:, None] - edges).argmin(axis=1)
+    table = np.concatenate([passed @ beam.colors, nearest[:, None]], axis=1).astype(np.float32)
+    return table, np.array([first, tangent[1] - first, first, last])
+
+
+@cache
+def _studio_class() -> Any:
+    """The classes over pyrender's, made when it is first imported."""
+    pyrender = _prepare_gl()
+    from OpenGL import GL
+    from pyrender.constants import RenderFlags
+    from pyrender.offscreen import OffscreenRenderer
+    from pyrender.renderer import Renderer
+    from pyrender.shader_program import ShaderProgramCache
+    from pyrender.texture import Texture
+
+    class ShadowCamera(pyrender.camera.Camera):  # type: ignore[name-defined,misc]
+        """Perspective over a square of the projector's tangent plane, in the projector's axes (z forward)."""
+
+        def __init__(self, crop: tuple[float, ...]) -> None:
+            super().__init__(znear=crop[3], zfar=crop[4])
+            self.crop = crop
+
+        def get_projection_matrix(self, width: Any = None, height: Any = None) -> np.ndarray:  # noqa: ARG002
+            x, y, half, near, far = self.crop
+            P = np.zeros((4, 4))
+            P[0, 0], P[0, 2] = 1 / half, -x / half
+            P[1, 1], P[1, 2] = 1 / half, -y / half
+            P[2, 2], P[2, 3] = (far + near) / (far - near), -2 * far * near / (far - near)
+            P[3, 2] = 1.0
+            return P
+
+    class RingProjector(pyrender.SpotLight):  # type: ignore[misc]
+        """The projector: a spot light whose node has its axes, with a shadow map cropped to what can be shaded."""
+
+        crop: tuple[float, ...] = (0.0, 0.0, 1.0, 1.0, 2.0)
+        slide: int | None = None
+
+        def show(self, slide: np.ndarray) -> None:
+            """Put a slide in, (texels, 4) float32."""
+            self.slide = GL.glGenTextures(1) if self.slide is None else self.slide
+            GL.glBindTexture(GL.GL_TEXTURE_2D, self.slide)
+            GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA32F, len(slide), 1, 0, GL.GL_RGBA, GL.GL_FLOAT, slide)
+            for side in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
+                GL.glTexParameteri(GL.GL_TEXTURE_2D, side, GL.GL_NEAREST)
+
+        def _bind(self) -> None:
+            GL.glBindTexture(GL.GL_TEXTURE_2D, self.slide)
+
+        def _generate_shadow_texture(self, size: Any = None) -> None:  # noqa: ARG002
+            self.shadow_texture = Texture(
+                width=SHADOW_TEXELS, height=SHADOW_TEXELS, source_channels="D", data_format=GL.GL_FLOAT
+            )
+
+        def _get_shadow_camera(self, scene_scale: float) -> Any:  # noqa: ARG002
+            return ShadowCamera(self.crop)
+
+    class RingRenderer(Renderer):  # type: ignore[misc]
+        """pyrender's passes with the shaders, the uniforms and the float buffer of this picture."""
+
+        def __init__(self, width: int, height: int) -> None:
+            super().__init__(width, height)
+            self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
+            self.uniforms: dict[str, Any] = {}
+            self.shading: set[Any] = set()
+            self._bound: set[int] = set()
+
+        def render(self, scene: Any, flags: int, seg_node_map: Any = None) -> np.ndarray:
+            self._bound.clear()
+            return super().render(scene, flags, seg_node_map)
+
+        def _compute_max_n_lights(self, flags: int) -> list[int]:  # noqa: ARG002
+            return [1, 1, 1]
+
+        def _bind_lighting(self, scene: Any, program: Any, node: Any, flags: int) -> None:  # noqa: ARG002
+            (projector,) = scene.spot_light_nodes
+            if flags & RenderFlags.SHADOWS_SPOT:
+                self._bind_texture(projector.light.shadow_texture, "shadow_map", program)
+            self._bind_texture(projector.light, "slide", program)
+            if program._program_id in self._bound:
+                return  # uniforms stay with the program; only textures are bound mesh by mesh
+            self._bound.add(program._program_id)
+            for name, value in self.uniforms.items():
+                program.set_uniform(name, value)
+
+        def _shadow_mapping_pass(self, scene: Any, light_node: Any, flags: int) -> None:
+            hidden = [n.mesh for n in scene.mesh_nodes if n not in self.shading]
+            for mesh in hidden:
+                mesh.is_visible = False
+            super()._shadow_mapping_pass(scene, light_node, flags)
+            for mesh in hidden:
+                mesh.is_visible = True
+
+        def _configure_shadow_mapping_viewport(self, light: Any, flags: int) -> None:
+            super()._configure_shadow_mapping_viewport(light, flags)
+            GL.glViewport(0, 0, SHADOW_TEXELS, SHADOW_TEXELS)
+
+        def _configure_main_framebuffer(self) -> None:
+            size = (self.viewport_width, self.viewport_height)
+            if self._main_fb is not None and size != self._main_fb_dims:
+                self._delete_main_framebuffer()
+            if self._main_fb is None:
+                self._main_cb, self._main_db = GL.glGenRenderbuffers(2)
+                self._main_fb = self._main_fb_ms = GL.glGenFramebuffers(1)
+                GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._main_fb)
+                for buffer, kind, attachment in (
+                    (self._main_cb, GL.GL_RGBA32F, GL.GL_COLOR_ATTACHMENT0),
+                    (self._main_db, GL.GL_DEPTH_COMPONENT32F, GL.GL_DEPTH_ATTACHMENT),
+                ):
+                    GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
+                    GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *size)
+                    GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, buffer)
+                self._main_fb_dims = size
+
+        def _delete_main_framebuffer(self) -> None:
+            if self._main_fb is not None:
+                GL.glDeleteFramebuffers(1, [self._main_fb])
+                GL.glDeleteRenderbuffers(2, [self._main_cb, self._main_db])
+            self._main_fb = self._main_fb_ms = None
+
+        def _read_main_framebuffer(self, scene: Any, flags: int) -> np.ndarray:  # noqa: ARG002
+            GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._main_fb)
+            GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0)
+            GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+            width, height = self._main_fb_dims
+            picture = np.empty((height, width, 3), dtype=np.float32)
+            GL.glReadPixels(0, 0, width, height, GL.GL_RGB, GL.GL_FLOAT, picture)
+            return picture
+
+    class Studio(OffscreenRenderer):  # type: ignore[misc]
+        """One renderer and the scene around the camera: chunks of bore and patches of features that light can reach."""
+
+        def __init__(self) -> None:
+            super().__init__(64, 64)
+            self._platform.make_current()
+            self._renderer = RingRenderer(64, 64)
+            self.scene = pyrender.Scene(bg_color=np.zeros(4), ambient_light=np.zeros(3))
+            self.camera = self.scene.add(pyrender.IntrinsicsCamera(1, 1, 0, 0, znear=NEAREST_MM, zfar=10.0))
+            self.projector = self.scene.add(RingProjector())
+            self.material = pyrender.MetallicRoughnessMaterial(doubleSided=True)
+            self.pipe: Pipe | None = None
+            self.drawn: dict[tuple[str, int], tuple[Any, float]] = {}
+
+        def draw(self, pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, optics: Optics) -> np.ndarray:
+            T_world_pipe = np.eye(4)
+            T_world_pipe[2, 3] = -T_pipe_camera[2, 3]
+            T_world_camera = T_world_pipe @ T_pipe_camera
+            T_world_projector = T_world_camera @ rig.projector.T_camera_projector
+            features = self._furnish(pipe, *reachable_mm(pipe, T_pipe_camera, rig), T_pipe_camera[2, 3])
+            beam = light(rig.projector, optics)
+            slide, slide_range = slide_table(beam)
+            self._platform.make_current()
+            self.projector.light.show(slide)
+            crop = shadow_crop(pipe, features, inverse(T_world_projector) @ T_world_pipe, beam.lit_to[-1])
+            self.scene.set_pose(self.camera, T_world_camera)
+            self.scene.set_pose(self.projector, T_world_projector)
+            self.projector.light.crop = crop or RingProjector.crop
+            self._renderer.shading = {node for key, (node, _) in self.drawn.items() if key[0] == "feature"}
+            self._renderer.uniforms = {
+                **_camera_uniforms(rig.camera, pipe, T_pipe_camera),
+                "slide_range": slide_range,
+                **_beam_uniforms(beam),
+                **_shadow_uniforms(pipe, crop),
+                "projector_world": inverse(T_world_projector),
+                "camera_projector": rig.projector.T_camera_projector,
+                "extent": _extent(pipe, T_pipe_camera),
+            }
+            self.viewport_width, self.viewport_height = rig.camera.width_px, rig.camera.height_px
+            return self.render(self.scene, RenderFlags.SHADOWS_SPOT if crop else RenderFlags.NONE)
+
+        def _furnish(self, pipe: Pipe, z_from: float, z_to: float, camera_z: float) -> list[int]:
+            """Keep what is in reach in the scene, and nothing else; returns the features there."""
+            if pipe is not self.pipe and pipe != self.pipe:
+                self._clear(set())
+            self.pipe = pipe
+            wanted = _wanted(pipe, z_from, z_to)
+            self._clear(wanted)
+            for key in wanted - self.drawn.keys():
+                self.drawn[key] = self._hang(_build(pipe, key))
+            for node, z_mm in self.drawn.values():
+                pose = np.eye(4)
+                pose[2, 3] = z_mm - camera_z
+                self.scene.set_pose(node, pose)
+            return [index for kind, index in wanted if kind == "feature"]
+
+        def _clear(self, wanted: set[tuple[str, int]]) -> None:
+            for key in self.drawn.keys() - wanted:
+                self.scene.remove_node(self.drawn.pop(key)[0])
+
+        def _hang(self, piece: Surface) -> tuple[Any, float]:
+            """A node with its vertices about its own distance: single precision then does for any pipe."""
+            z_mm = float(piece.positions[:, 2].mean()) if piece.positions.size else 0.0
+            primitive = pyrender.Primitive(
+                positions=piece.positions - [0, 0, z_mm],
+                normals=piece.normals,
+                indices=piece.faces,
+                material=self.material,
+            )
+            return self.scene.add(pyrender.Mesh([primitive])), z_mm
+
+    return Studio
+
+
+def _wanted(pipe: Pipe, z_from: float, z_to: float) -> set[tuple[str, int]]:
+    """Names of the chunks of bore and of the features between two distances."""
+    first = max(int((z_from - pipe.start_mm) // CHUNK_MM), 0)
+    last = min(int((z_to - pipe.start_mm) // CHUNK_MM), int(np.ceil(pipe.length_mm / CHUNK_MM)) - 1)
+    boxes = [(index, feature_box(pipe, index)) for index in range(len(pipe.features))]
+    features = {("feature", index) for index, box in boxes if box.z_from_mm <= z_to and box.z_to_mm >= z_from}
+    return {("bore", chunk) for chunk in range(first, last + 1)} | features
+
+
+def _build(pipe: Pipe, key: tuple[str, int]) -> Surface:
+    kind, index = key
+    if kind == "feature":
+        return feature_surface(pipe, index)
+    start = pipe.start_mm + index * CHUNK_MM
+    return bore_surface(pipe, start, min(start + CHUNK_MM, pipe.end_mm))
+
+
+def _extent(pipe: Pipe, T_pipe_camera: np.ndarray) -> np.ndarray:
+    shaded = pipe.bore_radius_mm * (1 - pipe.wall.ovality) + SHADED_BEYOND_MM
+    beyond = 1e6 if pipe.backed else pipe.outer_radius_mm - HOLE_MM
+    return np.array([shaded, beyond, pipe.start_mm - T_pipe_camera[2, 3], pipe.end_mm - T_pipe_camera[2, 3]])
+
+
+def _camera_uniforms(camera: Camera, pipe: Pipe, T_pipe_camera: np.ndarray) -> dict[str, Any]:
+    fx, fy, skew, cx, cy = camera.intrinsics[:5]
+    farthest = 30 * pipe.outer_radius_mm + abs(T_pipe_camera[:2, 3]).max()
+    return {
+        "lens": np.array([fx, fy, cx, cy]),
+        "lens_k": camera.intrinsics[5:],
+        "picture": np.array([skew, camera.width_px, camera.height_px, farthest]),
+    }
+
+
+def _beam_uniforms(beam: Light) -> dict[str, Any]:
+    return {
+        "strut": np.array([beam.strut_azimuth_rad, beam.strut_half_width_rad, beam.strut_softness_rad, beam.jag_rad]),
+        "falloff": np.array([beam.distance_power, beam.angle_power, REFERENCE_RANGE_MM, beam.housing_radius_mm]),
+    }
+
+
+def _shadow_uniforms(pipe: Pipe, crop: tuple[float, ...] | None) -> dict[str, Any]:  # noqa: ARG001
+    x, y, half, near, far = crop or (0.0, 0.0, 0.0, 1.0, 2.0)
+    return {
+        "crop": np.array([x, y, half, 0.0]),
+        "depth_range": np.array([near, far, SHADOW_TEXELS, SHADOW_BIAS_MM]),
+    }
