@@ -177,6 +177,8 @@ def _cores() -> int:
 
 
 def _figure(value: Any) -> str:
+    if value is None:
+        return "-"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

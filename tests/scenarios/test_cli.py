@@ -42,7 +42,7 @@ def run(scenario, out, workers, progress):
             time.sleep(60)
         progress("draw", 2, 2)
         (work / "run.json").write_text("{}")
-    return {"defects_found": 2, "depth_error_mm_max": 0.123456789, "workers": workers}
+    return {"defects_found": 2, "depth_error_mm_max": 0.123456789, "eq30": None, "workers": workers}
 
 sys.modules["scenarios.run"] = types.SimpleNamespace(run=run, RunFailed=RunFailed)
 sys.argv[0] = "pipetwin"
@@ -117,6 +117,18 @@ def test_dump_config_goes_back_in(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (scenario.seed, scenario.drive.speed_mm_s) == (5, 20)
 
 
+def test_export_stl_writes_the_carved_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "pipe.stl"
+    result = inside(monkeypatch, "export-stl", "paper-gantry", str(file))
+    assert (result.returncode, result.stderr) == (0, "")
+    triangles = int.from_bytes(file.read_bytes()[80:84], "little")
+    assert file.stat().st_size == 84 + 50 * triangles
+    result = inside(monkeypatch, "export-stl", "paper-gantry", str(tmp_path / "none" / "pipe.stl"))
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == f"{tmp_path}/none/pipe.stl: cannot be written: No such file or directory\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe.stl"]
+
+
 def test_schema_is_a_schema(monkeypatch: pytest.MonkeyPatch) -> None:
     schema = json.loads(inside(monkeypatch, "schema").stdout)
     assert {"pipe", "drive", "sensing", "method", "seed"} <= set(schema["properties"])
@@ -171,12 +183,18 @@ def test_run_prints_its_score_and_where_the_report_is(tmp_path: Path) -> None:
     assert result.stdout.splitlines() == [
         "defects_found       2",
         "depth_error_mm_max  0.123457",
+        "eq30                -",
         f"workers             {len(os.sched_getaffinity(0))}",
         "report: runs/paper-gantry-seed0/report.html",
     ]
     assert result.stderr.startswith("draw: 2 of 2")
     again = pipetwin("--json", "-j", "1", command=STAND_IN_RUN, cwd=tmp_path)
-    assert json.loads(again.stdout) == {"defects_found": 2, "depth_error_mm_max": 0.123456789, "workers": 1}
+    assert json.loads(again.stdout) == {
+        "defects_found": 2,
+        "depth_error_mm_max": 0.123456789,
+        "eq30": None,
+        "workers": 1,
+    }
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["paper-gantry-seed0"]
 
 
