@@ -21,6 +21,7 @@ COLORS = "RYB"
 FIRST_CHROMA = np.array([[0.48, 0.22], [0.385, 0.265], [0.32, 0.37]])
 CHROMA_ROUNDS = 4
 SKIPPED_SLIT, SPARE_DIP, FOREIGN_COLOR = -2.0, -3.0, -8.0  # log scores
+EDGE_FROM_MIDDLE_SHARE = 0.25  # a slit's edge lies about this share of the reach from its middle
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
 
 
@@ -177,8 +178,9 @@ def _find_dips(
                     break
                 right = max(right, smooth[i + j])
             depth = min(left, right) - here
-            if depth < min_depth or depth < min_contrast * min(left, right):
+            if depth <= max(min_depth, min_contrast * min(left, right)):
                 continue
+            left, right = _band_levels(smooth, i, reach, left, right)
             x_left, slope_left = _half_level(smooth, i, -1, here, left, reach)
             x_right, slope_right = _half_level(smooth, i, 1, here, right, reach)
             width = x_right - x_left
@@ -192,6 +194,29 @@ def _find_dips(
             _mean_color(lines, k, int(np.floor(x_right)) + COLOR_GAP_PX + 1, outside[k, m])
             count[k] += 1
     return count, radius, widths, sigma, inside, outside
+
+
+@njit(cache=True)
+def _band_levels(smooth, i, reach, highest_left, highest_right):
+    """Brightness of the bands at the slit's own edges, on a straight line from what they are further out.
+
+    Light fades along the pipe: the brightest place within reach lies further out on one side than on the other, and
+    half of it would move the slit. Both bands fade alike, so that one slope serves both.
+    """
+    near, far = (5 * reach) // 8, reach
+    half = (near + far) // 2
+    levels = np.zeros(4)
+    for j in range(near, far):
+        k = 0 if j < half else 1
+        levels[k] += smooth[i - j] / (half - near if k == 0 else far - half)
+        levels[2 + k] += smooth[i + j] / (half - near if k == 0 else far - half)
+    left, right = 0.5 * (levels[0] + levels[1]), 0.5 * (levels[2] + levels[3])
+    if left < 0.8 * highest_left or right < 0.8 * highest_right:  # another edge is near: no band to follow
+        return highest_left, highest_right
+    gap = 0.5 * (far - near)
+    fade = 0.5 * ((levels[0] - levels[1]) / left + (levels[3] - levels[2]) / right) / gap
+    move = 0.5 * (near + far - 1) - EDGE_FROM_MIDDLE_SHARE * reach
+    return left * (1.0 + fade * move), right * (1.0 - fade * move)
 
 
 @njit(cache=True)

@@ -16,7 +16,7 @@ from algorithms.sizing.measure import measure_defects
 from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory
-from algorithms.wall_map import MapBuilder, add_points, finish_map
+from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
 
@@ -63,12 +63,14 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
         state.odometry = advance(state.odometry, frame, state.rig)
     prior = predict(state.odometry, frame, state.rig, state.method.localisation)
     alignment = align(points, state.pipe, prior, state.method.registration)
+    kept = np.zeros(points.sigma_mm.size, dtype=bool)
     if alignment.converged:
         alignment = fuse(prior, alignment)
-        add_points(state.builder, points, alignment, state.pipe)
+        kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
+        add_points(state.builder, points, kept, alignment)
     possible = state.method.decode.azimuths * len(state.rig.projector.slits)
-    result = FrameResult(frame.index, frame.stamp_ns, points, alignment, points.sigma_mm.size / possible)
-    state.results.append(replace(result, points=_NOTHING))  # the points live on in the map only
+    result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, points.sigma_mm.size / possible)
+    state.results.append(replace(result, points=_NOTHING, kept=_NOTHING.ring == 0))  # the points live on in the map only
     return result
 
 

@@ -87,11 +87,12 @@ class Defect:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What became of one frame."""
+    """What became of one frame; `kept` labels the points that lie where a wall can be, which alone enter the map."""
 
     index: int
     stamp_ns: int
     points: RingPoints
+    kept: Bool[np.ndarray, "n"]
     alignment: Alignment
     decode_yield: float
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numba import njit
 from pydantic import Field
 
@@ -15,7 +15,8 @@ from sensor_model.geometry import apply, wall_angle_rad
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
-REACH = (0.6, 1.6)  # what lies outside, in nominal radii, is no wall point
+INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
+OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
 MAD_TO_SIGMA = 1.4826
 
 
@@ -44,21 +45,30 @@ class MapBuilder:
         )
 
 
-def add_points(builder: MapBuilder, points: RingPoints, alignment: Alignment, pipe: NominalPipe) -> None:
-    """Put one registered frame's points into the map, and close what lies behind all of them."""
-    around, along = builder.shape
-    xyz = apply(alignment.T_pipe_camera, points.xyz_mm)
-    light = points.direction @ alignment.T_pipe_camera[:3, :3].T
+def on_a_wall(
+    points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], pipe: NominalPipe
+) -> Bool[np.ndarray, "n"]:
+    """Points that lie where a wall can be: outside it are the false slits that shadows and mixed colours make."""
+    xyz = apply(T_pipe_camera, points.xyz_mm)
     rho = np.hypot(xyz[:, 0], xyz[:, 1])
-    across = np.abs(np.sum(light[:, :2] * xyz[:, :2], axis=1)) / np.maximum(rho, 1e-9)
-    sigma = np.maximum(points.sigma_mm * np.maximum(across, 0.05), 1e-3)
-    keep = (rho > REACH[0] * pipe.inner_radius_mm) & (rho < REACH[1] * pipe.inner_radius_mm)
-    if not keep.any():
+    outermost = pipe.inner_radius_mm + pipe.wall_thickness_mm + OUTWARD_MM
+    return (rho > INWARD_SHARE * pipe.inner_radius_mm) & (rho < outermost)
+
+
+def add_points(builder: MapBuilder, points: RingPoints, kept: Bool[np.ndarray, "n"], alignment: Alignment) -> None:
+    """Put one registered frame's points into the map, and close what lies behind all of them."""
+    if not kept.any():
         return
-    row = np.floor(xyz[keep, 2] / builder.settings.cell_z_mm).astype(np.int64)
-    column = np.floor(wall_angle_rad(xyz[keep, 0], xyz[keep, 1]) / (2 * np.pi) * around).astype(np.int64) % around
+    around, along = builder.shape
+    xyz = apply(alignment.T_pipe_camera, points.xyz_mm[kept])
+    light = points.direction[kept] @ alignment.T_pipe_camera[:3, :3].T
+    rho = np.hypot(xyz[:, 0], xyz[:, 1])
+    across = np.abs(np.sum(light[:, :2] * xyz[:, :2], axis=1)) / rho
+    sigma = np.maximum(points.sigma_mm[kept] * np.maximum(across, 0.05), 1e-3)
+    row = np.floor(xyz[:, 2] / builder.settings.cell_z_mm).astype(np.int64)
+    column = np.floor(wall_angle_rad(xyz[:, 0], xyz[:, 1]) / (2 * np.pi) * around).astype(np.int64) % around
     block, row_in_block = np.divmod(row, along)
-    packed = np.column_stack([column * along + row_in_block, rho[keep], sigma[keep] ** -2]).astype(np.float32)
+    packed = np.column_stack([column * along + row_in_block, rho, sigma**-2]).astype(np.float32)
     for b in np.unique(block):
         builder.waiting.setdefault(int(b), []).append(packed[block == b])
     nearest = int(np.percentile(block, 1)) - 1  # one block of slack for the frames still to come

@@ -112,7 +112,7 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
         tally.wrong += int(np.sum(true_slits(tally.pipe, tally.rig, points.pixel, T_true) != points.ring))
     if not result.alignment.converged:
         return
-    xyz = apply(result.alignment.T_pipe_camera, points.xyz_mm)
+    xyz = apply(result.alignment.T_pipe_camera, points.xyz_mm[result.kept])
     wall = ~near_defect(tally.pipe, xyz)
     center, radius = circle(xyz[:, :2])
     center_wall, radius_wall = circle(xyz[wall, :2]) if wall.sum() > 10 else (center, radius)
@@ -126,13 +126,17 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
 def true_slits(
     pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]
 ) -> np.ndarray:
-    """The slit whose cone really passes nearest to the wall point that a pixel shows; -1 off the pipe."""
+    """The slit that a pixel really shows: its cone passes through the wall point there, give or take a slit's width.
+
+    -1 where there is none: a shadow taken for a slit, or a pixel off the pipe.
+    """
     rays = fisheye_rays(pixel, rig.camera.intrinsics) @ T_true[:3, :3].T
     wall = first_wall_points(pipe.wall, T_true[:3, 3].copy(), rays, pipe.start_mm, pipe.end_mm)
     on_wall = (wall - T_true[:3, 3]) @ T_true[:3, :3]
     angle = half_angle_rad(on_wall, np.array(rig.projector.apex_mm), rig.projector.T_camera_projector[:3, 2])
-    nearest = np.argmin(np.abs(angle[:, None] - rig.projector.slit_half_angles_rad), axis=1)
-    return np.where(np.isfinite(angle), nearest, -1)
+    off = np.abs(angle[:, None] - rig.projector.slit_half_angles_rad)
+    nearest = np.argmin(off, axis=1)
+    return np.where(off[np.arange(angle.size), nearest] <= np.radians(rig.projector.slit_width_deg), nearest, -1)
 
 
 def near_defect(pipe: Pipe, xyz_pipe_mm: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
