@@ -141,7 +141,7 @@ def _studio_class() -> Any:
     """The classes over pyrender's, made when it is first imported."""
     pyrender = _prepare_gl()
     from OpenGL import GL
-    from pyrender.constants import RenderFlags
+    from pyrender.constants import ProgramFlags, RenderFlags
     from pyrender.offscreen import OffscreenRenderer
     from pyrender.renderer import Renderer
     from pyrender.shader_program import ShaderProgramCache
@@ -195,15 +195,23 @@ def _studio_class() -> Any:
             super().__init__(width, height)
             self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
             self.uniforms: dict[str, Any] = {}
-            self.shading: set[Any] = set()
+            self.effects: set[str] = set()
+            self.shaded: set[Any] = set()  # primitives: features shade only themselves
             self._bound: set[int] = set()
 
         def render(self, scene: Any, flags: int, seg_node_map: Any = None) -> np.ndarray:
             self._bound.clear()
             return super().render(scene, flags, seg_node_map)
 
-        def _compute_max_n_lights(self, flags: int) -> list[int]:  # noqa: ARG002
-            return [1, 1, 1]
+        def _get_primitive_program(self, primitive: Any, flags: int, program_flags: int) -> Any:  # noqa: ARG002
+            name, defines = "mesh_depth", {"NORMAL_LOC": 1, "INST_M_LOC": 2}
+            if program_flags & ProgramFlags.USE_MATERIAL:
+                name = "mesh"
+                defines |= {effect: 1 for effect in self.effects if effect != "SHADOWED" or primitive in self.shaded}
+            program = self._program_cache.get_program(f"{name}.vert", f"{name}.frag", defines=defines)
+            if not program._in_context():
+                program._add_to_context()
+            return program
 
         def _bind_lighting(self, scene: Any, program: Any, node: Any, flags: int) -> None:  # noqa: ARG002
             (projector,) = scene.spot_light_nodes
@@ -217,7 +225,7 @@ def _studio_class() -> Any:
                 program.set_uniform(name, value)
 
         def _shadow_mapping_pass(self, scene: Any, light_node: Any, flags: int) -> None:
-            hidden = [n.mesh for n in scene.mesh_nodes if n not in self.shading]
+            hidden = [m for m in scene.meshes if not self.shaded & set(m.primitives)]
             for mesh in hidden:
                 mesh.is_visible = False
             super()._shadow_mapping_pass(scene, light_node, flags)
@@ -288,12 +296,15 @@ def _studio_class() -> Any:
             self.scene.set_pose(self.camera, T_world_camera)
             self.scene.set_pose(self.projector, T_world_projector)
             self.projector.light.crop = crop or RingProjector.crop
-            self._renderer.shading = {node for key, (node, _) in self.drawn.items() if key[0] == "feature"}
+            self._renderer.shaded = {
+                n.mesh.primitives[0] for (kind, _), (n, _) in self.drawn.items() if kind == "feature"
+            }
+            self._renderer.effects = _effects(rig, beam, crop)
             self._renderer.uniforms = {
                 **_camera_uniforms(rig.camera, pipe, T_pipe_camera),
                 "slide_range": slide_range,
                 **_beam_uniforms(beam),
-                **_shadow_uniforms(pipe, crop),
+                **_shadow_uniforms(crop or RingProjector.crop),
                 "projector_world": inverse(T_world_projector),
                 "camera_projector": rig.projector.T_camera_projector,
                 "extent": _extent(pipe, T_pipe_camera),
@@ -374,9 +385,22 @@ def _beam_uniforms(beam: Light) -> dict[str, Any]:
     }
 
 
-def _shadow_uniforms(pipe: Pipe, crop: tuple[float, ...] | None) -> dict[str, Any]:  # noqa: ARG001
-    x, y, half, near, far = crop or (0.0, 0.0, 0.0, 1.0, 2.0)
+def _shadow_uniforms(crop: tuple[float, ...]) -> dict[str, Any]:
+    x, y, half, near, far = crop
     return {
         "crop": np.array([x, y, half, 0.0]),
         "depth_range": np.array([near, far, SHADOW_TEXELS, SHADOW_BIAS_MM]),
     }
+
+
+def _effects(rig: Rig, beam: Light, crop: tuple[float, ...] | None) -> set[str]:
+    """What the shader has to reckon with."""
+    azimuth = np.linspace(0, 2 * np.pi, 72)
+    tangent = float(beam.lit_from[0])
+    rays = np.stack([tangent * np.sin(azimuth), -tangent * np.cos(azimuth), np.ones_like(azimuth)], axis=-1)
+    T = rig.projector.T_camera_projector
+    rays = rays @ T[:3, :3].T
+    at_camera = T[:2, 3] - rays[:, :2] * (T[2, 3] / rays[:, 2])[:, None]
+    housed = np.linalg.norm(at_camera, axis=1).min() < beam.housing_radius_mm + 0.1
+    cases = {"HOUSED": housed, "SHADOWED": crop is not None, "JAGGED": beam.jag_rad > 0}
+    return {name for name, matters in cases.items() if matters}

@@ -1,5 +1,6 @@
 #version 330 core
 // The projector's light on the wall: bands filtered over the pixel, strut, housing, fall-off and shadow.
+// SHADOWED, JAGGED and HOUSED are defined where they matter: in software GL a branch not taken costs as if it were.
 const float PI = 3.14159265358979;
 const float JAG_CELLS = 1024.0;
 
@@ -13,7 +14,7 @@ uniform vec4 strut;                 // azimuth, half width, softness, rad; slide
 uniform vec4 falloff;               // distance power, angle power, reference range, housing radius, mm
 uniform mat4 camera_projector;      // projector to camera
 uniform vec4 extent;                // radius below which nothing is shaded, radius beyond which is no wall; start, end of the pipe
-uniform vec4 crop;                  // shadow map: centre of its tangent plane, half its side; 0 without shadows
+uniform vec4 crop;                  // shadow map: centre of its tangent plane, half its side
 uniform vec4 depth_range;           // shadow map: nearest, farthest, texels, bias in mm
 uniform sampler2D shadow_map;
 
@@ -61,7 +62,7 @@ float lit_texel(ivec2 texel, float depth)
 float lit(vec3 place)
 {
     vec2 at = ((place.xy / place.z - crop.xy) / crop.z * 0.5 + 0.5) * depth_range.z - 0.5;
-    if (crop.z == 0.0 || any(lessThan(at, vec2(0.0))) || any(greaterThan(at, vec2(depth_range.z - 1.0)))) return 1.0;
+    if (any(lessThan(at, vec2(0.0))) || any(greaterThan(at, vec2(depth_range.z - 1.0)))) return 1.0;
     ivec2 texel = ivec2(floor(at));
     vec2 part = at - vec2(texel);
     float left = mix(lit_texel(texel, place.z), lit_texel(texel + ivec2(0, 1), place.z), part.y);
@@ -98,11 +99,18 @@ void main()
         turn -= 2.0 * PI * round(turn / (2.0 * PI));
         visible = clamp((abs(turn) - strut.y) / max(strut.z, 1e-6) + 0.5, 0.0, 1.0);
     }
-    if (visible <= 0.0 || in_housing(place)) return;
+    if (visible <= 0.0) return;
+#ifdef HOUSED
+    if (in_housing(place)) return;
+#endif
+#ifdef SHADOWED
     if (rho > extent.x) visible *= lit(place);
+#endif
     vec3 gradient = vec3(place.xy / across, -tangent) / place.z;
     float footprint = max(length(vec2(dot(gradient, along_right), dot(gradient, along_down))), 1e-6);
-    if (strut.w > 0.0) tangent += jag(tangent, azimuth) * (1.0 + tangent * tangent);
+#ifdef JAGGED
+    tangent += jag(tangent, azimuth) * (1.0 + tangent * tangent);
+#endif
     vec3 light = (summed_light(tangent + 0.5 * footprint) - summed_light(tangent - 0.5 * footprint)) / footprint;
     color.rgb = light * visible * pow(facing, falloff.y) * pow(falloff.z / range, falloff.x);
 }
