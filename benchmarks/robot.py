@@ -9,7 +9,8 @@ import numpy as np
 from twin.drives.robot import STEP_S, RobotDrive, simulate_motion, truth_of
 from twin.features.pocket import Pocket
 from twin.pipe import Pipe
-from twin.robot import Robot
+from twin.robot import Robot, draw_build
+from twin.robot_model import wheel_shapes
 from twin.wheel_contact import wheel_contacts
 
 SCENES = {"plain": None, "pockets at 4:00": "4:00", "pockets at 6:00": "6:00"}
@@ -29,11 +30,11 @@ def kernel_us(scene: Pipe, robot: Robot) -> float:
     angles = np.radians([60, 60, 180, 180, 300, 300, 180, 180])
     hub = np.column_stack([57.25 * np.sin(angles), -57.25 * np.cos(angles), np.zeros(8)])
     axle = np.cross([0.0, 0.0, 1.0], hub / 57.25)
-    shape = np.tile([robot.wheel_radius_mm, robot.wheel_crown_radius_mm, robot.wheel_width_mm / 2], (8, 1))
-    wheel_contacts(scene.wall, hub, axle, shape)
+    shapes, still = wheel_shapes(robot, draw_build(robot, np.random.default_rng(0))), np.zeros(8)
+    wheel_contacts(scene.wall, hub, axle, still, shapes)
     begin = time.perf_counter()
     for _ in range(2000):
-        wheel_contacts(scene.wall, hub, axle, shape)
+        wheel_contacts(scene.wall, hub, axle, still, shapes)
     return (time.perf_counter() - begin) / 2000 * 1e6
 
 

@@ -35,6 +35,10 @@ class Robot(Settings):
     wheel_crown_radius_mm: Positive = 20.0
     wheel_spacing_mm: Positive = 80.0
     wheel_mass_kg: Positive = 0.02
+    # The rim of an omni wheel is a ring of rollers: its radius swells and shrinks by this much either way. Six hard
+    # wheels on stiff legs are over-constrained: from about 0.01 mm some lift off now and then.
+    roller_ripple_mm: Annotated[float, Field(ge=0, le=0.5)] = 0.005
+    roller_count: Annotated[int, Field(ge=3, le=40)] = 10
     wheel_friction: Positive = 0.6
     # A roller's low friction still slides and steals grip from the driven direction: keep it tiny.
     roller_friction: Annotated[float, Field(gt=0, le=0.003)] = 0.001
@@ -88,10 +92,11 @@ class Robot(Settings):
 
 
 class Build(Settings):
-    """How one robot came out of the workshop: each leg's preload, and how far each wheel's axle is askew."""
+    """How one robot came out of the workshop: each leg's preload, each wheel's axle askew, its rollers' position."""
 
     preload_n: tuple[float, ...]
     askew_rad: tuple[float, ...]
+    roller_phase_rad: tuple[float, ...]
 
 
 def draw_build(robot: Robot, rng: np.random.Generator) -> Build:
@@ -99,4 +104,8 @@ def draw_build(robot: Robot, rng: np.random.Generator) -> Build:
     preload = robot.leg_preload_n * (1 + robot.preload_tolerance_pct / 100 * rng.standard_normal(robot.leg_count))
     toe = robot.wheel_toe_tolerance_deg * rng.standard_normal(2 * robot.leg_count)
     skew = robot.end_wheel_skew_tolerance_deg * rng.standard_normal(2)
-    return Build(preload_n=tuple(preload), askew_rad=tuple(np.radians(np.concatenate([toe, skew]))))
+    return Build(
+        preload_n=tuple(preload),
+        askew_rad=tuple(np.radians(np.concatenate([toe, skew]))),
+        roller_phase_rad=tuple(rng.uniform(0, 2 * np.pi, 2 * robot.leg_count)),
+    )

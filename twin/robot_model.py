@@ -34,12 +34,13 @@ def motor_names(robot: Robot) -> list[str]:
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A compiled robot and where its wheels are in MuJoCo's arrays; `wheel_shape_mm`: radius, crown, half width."""
+    """A compiled robot, where its wheels are in MuJoCo's arrays, and their shapes as `wheel_contacts` takes them."""
 
     model: Any
     wheel_joint: Int[np.ndarray, "wheels"]
+    wheel_angle: Int[np.ndarray, "wheels"]
     wheel_geom: Int[np.ndarray, "wheels"]
-    wheel_shape_mm: Float[np.ndarray, "wheels 3"]
+    wheel_shape: Float[np.ndarray, "wheels 6"]
     sensor: dict[str, slice]
     feed_forward_s: float
 
@@ -48,18 +49,25 @@ def build_model(pipe: Pipe, robot: Robot, build: Build) -> RobotModel:
     """Compile the robot under the pipe's gravity; its chassis frame has the camera's axes."""
     model = robot_spec(pipe, robot, build).compile()
     names = wheel_names(robot)
-    leg_shape = (robot.wheel_radius_mm, robot.wheel_crown_radius_mm, robot.wheel_width_mm / 2)
-    # Hemispheres (section 3.3), so that they climb an edge that runs across their path.
-    end_shape = (robot.end_wheel_radius_mm, robot.end_wheel_radius_mm, 0.9 * robot.end_wheel_radius_mm)
     sensors = [model.sensor(i) for i in range(model.nsensor)]
     return RobotModel(
         model=model,
         wheel_joint=np.array([model.joint(name).id for name in names]),
+        wheel_angle=np.array([int(model.joint(name).qposadr[0]) for name in names]),
         wheel_geom=np.array([model.geom(name).id for name in names]),
-        wheel_shape_mm=np.array([leg_shape] * 2 * robot.leg_count + [end_shape] * 2),
+        wheel_shape=wheel_shapes(robot, build),
         sensor={s.name: slice(int(s.adr[0]), int(s.adr[0] + s.dim[0])) for s in sensors},
         feed_forward_s=2 / (2 * np.pi * robot.motor_servo_hz),
     )
+
+
+def wheel_shapes(robot: Robot, build: Build) -> Float[np.ndarray, "wheels 6"]:
+    """Radius, crown radius, half width, roller ripple (mm), roller count and the rollers' position of every wheel."""
+    leg = (robot.wheel_radius_mm, robot.wheel_crown_radius_mm, robot.wheel_width_mm / 2)
+    rollers = [(*leg, robot.roller_ripple_mm, robot.roller_count, phase) for phase in build.roller_phase_rad]
+    # Hemispheres (section 3.3), so that they climb an edge that runs across their path.
+    end = (robot.end_wheel_radius_mm, robot.end_wheel_radius_mm, 0.9 * robot.end_wheel_radius_mm, 0.0, 1.0, 0.0)
+    return np.array([*rollers, end, end])
 
 
 def robot_spec(pipe: Pipe, robot: Robot, build: Build) -> Any:

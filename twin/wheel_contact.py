@@ -14,6 +14,7 @@ from twin.robot_model import MM, WALL, RobotModel
 SCAN_RAD = 1.2  # how far around the rim, from its outermost point, a contact is looked for
 SCAN_POINTS = 33
 STATIONS = 7  # across the wheel's width
+RIPPLE, ROLLERS, PHASE = 3, 4, 5  # columns of a wheel's shape, after radius, crown radius and half width
 PLAIN_ROUNDS, SCAN_ROUNDS, SHRINK = 2, 8, 0.4
 PER_WHEEL = 2  # a wheel can bridge a gap on two points
 APART_MM = 3.0  # nearer than this, two points are one contact
@@ -25,17 +26,18 @@ SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 
 
 @njit(cache=True)
-def wheel_contacts(wall, hub_mm, axle, shape_mm):
+def wheel_contacts(wall, hub_mm, axle, angle, wheel_shape):
     """Points where wheels press into the wall.
 
-    A wheel is a disc with a rim crowned to a circle (`shape_mm`: radius, crown radius, half width). On a plain bore it
-    touches in one point; beside a feature the whole rim is searched, and it may touch in two.
+    A wheel is a disc with a rim crowned to a circle, whose rollers make it swell and shrink on its way around. On a
+    plain bore it touches in one point; beside a feature the whole rim is searched, and it may touch in two.
 
     Args:
         wall: `Pipe.wall`.
         hub_mm: (n, 3) wheel centres.
         axle: (n, 3) unit axles; the wheel rolls forward by turning about its axle in the positive sense.
-        shape_mm: (n, 3).
+        angle: (n,) how far each wheel has turned, rad.
+        wheel_shape: (n, 6), as `robot_model.wheel_shapes` has it.
 
     Returns:
         Count; wheel of each contact; gap, mm, below zero; point on the rim, mm; and the contact's axes as rows: the
@@ -49,14 +51,15 @@ def wheel_contacts(wall, hub_mm, axle, shape_mm):
     found = np.zeros((PER_WHEEL, 2))
     count = 0
     for i in range(n):
-        disc = _disc(hub_mm[i], axle[i])
-        if _beside_feature(wall, hub_mm[i], shape_mm[i, 0]):
-            touching = _scan(wall, disc, shape_mm[i], found)
+        disc, shape = _disc(hub_mm[i], axle[i]), wheel_shape[i].copy()
+        shape[PHASE] += angle[i]
+        if _beside_feature(wall, hub_mm[i], shape[0]):
+            touching = _scan(wall, disc, shape, found)
         else:
-            found[0] = _lowest(wall, disc, shape_mm[i], 0.0, 0.0, PLAIN_ROUNDS)
+            found[0] = _lowest(wall, disc, shape, 0.0, 0.0, PLAIN_ROUNDS)
             touching = 1
         for k in range(touching):
-            point[count] = _rim_point(disc, shape_mm[i], found[k, 0], found[k, 1])
+            point[count] = _rim_point(disc, shape, found[k, 0], found[k, 1])
             raw = _gap(wall, point[count, 0], point[count, 1], point[count, 2])
             if raw >= 0.0:
                 continue
@@ -81,6 +84,7 @@ def _disc(hub, axle):
 @njit(cache=True)
 def _rim_point(disc, shape, phi, across):
     radius = shape[0] - shape[1] + np.sqrt(shape[1] * shape[1] - across * across)
+    radius += shape[RIPPLE] * np.cos(shape[ROLLERS] * (phi - shape[PHASE]))
     out, on = radius * np.cos(phi), radius * np.sin(phi)
     x = disc[0, 0] + across * disc[1, 0] + out * disc[2, 0] + on * disc[3, 0]
     y = disc[0, 1] + across * disc[1, 1] + out * disc[2, 1] + on * disc[3, 1]
@@ -238,9 +242,10 @@ class WallContacts:
         """
         hub_mm = data.xanchor[self.robot.wheel_joint] / MM
         axle = data.xaxis[self.robot.wheel_joint]
+        angle = data.qpos[self.robot.wheel_angle]
         if not abs(hub_mm[0, 2] - self._near_z_mm) < NEAR_MM:
             self._near, self._near_z_mm = _nearby(self.wall, hub_mm[:, 2]), hub_mm[0, 2]
-        count, wheel, gap_mm, point_mm, frame = wheel_contacts(self._near, hub_mm, axle, self.robot.wheel_shape_mm)
+        count, wheel, gap_mm, point_mm, frame = wheel_contacts(self._near, hub_mm, axle, angle, self.robot.wheel_shape)
         self.touching[:] = False
         self.touching[wheel[:count]] = True
         dist, point = MM * gap_mm, MM * point_mm

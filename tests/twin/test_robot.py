@@ -31,7 +31,9 @@ def pipe(**changes) -> Pipe:
 
 
 PLAIN = pipe()
-EXACT = Robot(preload_tolerance_pct=0, wheel_toe_tolerance_deg=0, end_wheel_skew_tolerance_deg=0)
+EXACT = Robot(preload_tolerance_pct=0, wheel_toe_tolerance_deg=0, end_wheel_skew_tolerance_deg=0, roller_ripple_mm=0)
+NO_TURN = np.zeros(1)
+WHEEL = np.array([[19.0, 20.0, 5.0, 0.0, 10.0, 0.0]])  # as `wheel_shapes` has it
 
 
 def carved(clock: str, distance_mm: float = 60.0, length_mm: float = 70.0) -> Pipe:
@@ -82,7 +84,6 @@ def tilt_deg(truth):
 )
 def test_contact_is_the_deepest_point_of_the_rim(wall):
     rng = np.random.default_rng(1)
-    shape = np.array([[19.0, 20.0, 5.0]])
     phi, across = np.meshgrid(np.linspace(-1.2, 1.2, 801), np.linspace(-5, 5, 81))
     rim = 19 - 20 + np.sqrt(400 - across**2)
     for _ in range(25):
@@ -100,7 +101,7 @@ def test_contact_is_the_deepest_point_of_the_rim(wall):
         x, y, along = np.moveaxis(points, -1, 0)
         least = (wall.radius(np.arctan2(x, -y), along) - np.hypot(x, y)).min()
 
-        count, wheel, gap, point, frame = wheel_contacts(wall.wall, hub[None], axle[None], shape)
+        count, wheel, gap, point, frame = wheel_contacts(wall.wall, hub[None], axle[None], NO_TURN, WHEEL)
         if least >= 0:
             assert count == 0
             continue
@@ -116,13 +117,20 @@ def test_on_the_plain_bore_the_normal_is_inward_and_rolling_is_forward():
     for theta in np.radians([60, 180, 300]):
         outward = wall_direction(theta)
         axle = np.cross([0, 0, 1.0], outward)
-        shape = np.array([[19.0, 20.0, 5.0]])
-        count, _, gap, point, frame = wheel_contacts(PLAIN.wall, (57.3 * outward)[None], axle[None], shape)
+        count, _, gap, point, frame = wheel_contacts(PLAIN.wall, (57.3 * outward)[None], axle[None], NO_TURN, WHEEL)
         assert count == 1
         assert gap[0] == pytest.approx(-0.1, abs=1e-6)
         np.testing.assert_allclose(point[0], 76.3 * outward, atol=1e-4)
         np.testing.assert_allclose(frame[0, 0], -outward, atol=1e-6)
         assert abs(frame[0, 1, 2]) == pytest.approx(1, abs=1e-6)
+
+
+def test_rollers_make_the_wheel_swell_and_shrink_as_it_turns():
+    outward = wall_direction(np.radians(60))
+    axle, wheel, turns = np.cross([0, 0, 1.0], outward)[None], WHEEL.copy(), np.linspace(0, 2 * np.pi / 10, 9)
+    wheel[0, 3] = 0.02
+    gaps = [wheel_contacts(PLAIN.wall, 57.3 * outward[None], axle, np.array([turn]), wheel)[2][0] for turn in turns]
+    np.testing.assert_allclose(gaps, -0.1 - 0.02 * np.cos(10 * turns), atol=5e-3)
 
 
 def test_a_wheel_bridges_a_short_pocket_on_both_its_edges():
@@ -132,7 +140,8 @@ def test_a_wheel_bridges_a_short_pocket_on_both_its_edges():
         wall,
         (76.2 - 19 + 3.6) * outward[None],
         np.cross([0, 0, 1.0], outward)[None],
-        np.array([[19.0, 20.0, 5.0]]),
+        NO_TURN,
+        WHEEL,
     )
     assert count == 2
     assert sorted(np.sign(point[:2, 2])) == [-1, 1]
@@ -205,7 +214,7 @@ def test_gravity_sags_it_by_what_its_springs_say(truth):
 
 def test_on_a_clean_pipe_it_keeps_its_offset_tilt_and_grip(motion, truth):
     assert motion.touching.all()
-    assert np.ptp(truth.position_mm[:, :2], axis=0).max() < 0.05
+    assert np.ptp(truth.position_mm[:, :2], axis=0).max() < 0.08
     assert tilt_deg(truth).max() < 0.1
     assert np.abs(truth.slip_mm_s).max() < 0.2
 
@@ -231,7 +240,7 @@ def test_a_skewed_end_wheel_makes_it_drift_in_roll_and_an_exact_robot_does_not(t
 
 def test_a_pocket_between_the_legs_leaves_it_unmoved():
     truth = simulate(carved("4:00"), Robot(), RobotDrive(start_mm=150, end_mm=350), np.random.default_rng(0))
-    assert np.ptp(truth.position_mm[:, :2], axis=0).max() < 0.05
+    assert np.ptp(truth.position_mm[:, :2], axis=0).max() < 0.08
 
 
 @pytest.mark.parametrize("clock", ["4:00", "2:00", "6:00"])
@@ -243,7 +252,7 @@ def test_it_survives_a_pocket_under_its_wheels(clock):
     motion = simulate_motion(carved(clock, 170.0), Robot(), drive, np.random.default_rng(0))
     truth = truth_of(PLAIN, Robot(), motion)
     assert not motion.touching.all()
-    assert motion.touching[-1].all()
+    assert motion.touching[-1].sum() >= 7  # rolled, a wheel may stand off by its rollers' ripple
     assert tilt_deg(truth).max() < 6
     assert truth.position_mm[-1, 2] == pytest.approx(500, abs=8)
 
