@@ -12,7 +12,7 @@ FISHEYE_NEWTON_STEPS = 8
 
 def wall_angle_rad(x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
     """Angle around the wall in [0, 2 pi): 0 at 12 o'clock, growing clockwise seen along +z (x right, y down)."""
-    return np.mod(np.arctan2(x, -np.asarray(y, dtype=float)), 2 * np.pi)
+    return np.asarray(np.mod(np.arctan2(x, -np.asarray(y, dtype=float)), 2 * np.pi))
 
 
 def wall_direction(theta_rad: np.ndarray | float) -> Float[np.ndarray, "*batch 3"]:
@@ -23,7 +23,7 @@ def wall_direction(theta_rad: np.ndarray | float) -> Float[np.ndarray, "*batch 3
 
 def wrap_rad(angle_rad: np.ndarray | float) -> np.ndarray:
     """The same angle in [-pi, pi)."""
-    return np.mod(np.asarray(angle_rad, dtype=float) + np.pi, 2 * np.pi) - np.pi
+    return np.asarray(np.mod(np.asarray(angle_rad, dtype=float) + np.pi, 2 * np.pi) - np.pi)
 
 
 def clock_position(theta_rad: float) -> str:

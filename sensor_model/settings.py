@@ -15,6 +15,16 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    # by the fields alone: cached properties hold arrays, whose comparison has no single truth value
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self._values() == other._values()  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash((type(self), self._values()))
+
+    def _values(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, name) for name in type(self).model_fields)
+
 
 def _clock_to_deg(value: Any) -> Any:
     if isinstance(value, str) and (match := CLOCK.fullmatch(value)):

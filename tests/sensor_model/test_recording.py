@@ -1,0 +1,103 @@
+"""The recording is read back as it was written, and says file, line and value when it cannot be read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scenarios.load import load_scenario
+from sensor_model.recording import BadRecording, open_recording
+from sensor_model.rig import Rig, load_settings
+from sensor_model.sense import sense
+from sensor_model.streams import stream
+from twin.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    changes = ["sensing.fidelity=points", "drive.stages=[{to_mm: 30}]", "pipe.features=[]"]
+    scenario = load_scenario("paper-gantry", changes)
+    truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
+    folder = tmp_path_factory.mktemp("log")
+    frames = list(sense(truth, scenario.rig, scenario.rig, scenario.sensing, 0, folder))
+    return folder, truth, frames
+
+
+def test_frames_and_logs_come_back(log):
+    folder, truth, frames = log
+    recording = open_recording(folder)
+    assert len(recording) == frames[-1] == int(truth.time_s[-1] * 15) + 1
+    assert np.allclose(np.diff(recording.frame_stamps_ns) / 1e9, 1 / 15, atol=1e-8)
+    frame = recording[3]
+    assert frame.slit_pixels is not None
+    assert set(frame.slit_pixels.slit) == set(range(8))
+    travelled = frame.counts / 16884 * np.pi * 38
+    true = truth.pose_at(np.array([frame.stamp_ns / 1e9]))[0, 2, 3]
+    assert np.allclose(travelled, true, atol=0.02)
+    assert np.linalg.norm(frame.q_world_imu_wxyz) == pytest.approx(1)
+    with pytest.raises(IndexError, match=f"of {len(recording)}"):
+        recording[len(recording)]
+
+
+def test_the_rig_survives_its_file(log):
+    assert load_settings(Rig, log[0] / "rig.yaml") == Rig()
+
+
+def _spoiled(log, tmp_path, file, change):
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(log[0], copy)
+    path = copy / file
+    path.write_text(change(path.read_text()))
+    return copy
+
+
+def _line3(text, new):
+    lines = text.splitlines()
+    lines[2] = new(lines[2])
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("file", "new", "said"),
+    [
+        ("imu0/data.csv", lambda line: line.replace(line.split(",")[2], "x", 1), r"data\.csv:3: .*'x'"),
+        ("imu0/data.csv", lambda line: line + ",5", r"data\.csv:3: .*6 finite numbers"),
+        ("orientation0/data.csv", lambda line: "-1" + line[line.index(",") :], r"data\.csv:3: stamp -1 does not come after"),
+        ("encoders0/data.csv", lambda line: line.rsplit(",", 1)[0] + ",nan", r"data\.csv:3: .*3 finite numbers"),
+        ("cam0/data.csv", lambda line: line.split(",")[0] + ",../../x.png", r"data\.csv:3: .*plain file name"),
+    ],
+)
+def test_a_spoiled_line_is_named(log, tmp_path, file, new, said):
+    copy = _spoiled(log, tmp_path, file, lambda text: _line3(text, new))
+    with pytest.raises(BadRecording, match=said):
+        open_recording(copy)
+
+
+def test_what_is_missing_is_named(log, tmp_path):
+    import shutil
+
+    for part in ("rig.yaml", "pipe.yaml", "imu0/data.csv", "cam0/data.csv"):
+        copy = tmp_path / part.replace("/", "_")
+        shutil.copytree(log[0], copy)
+        (copy / part).unlink()
+        with pytest.raises(BadRecording, match=part.rsplit("/", maxsplit=1)[-1].replace(".", r"\.")):
+            open_recording(copy)
+
+
+def test_a_picture_of_the_wrong_size_is_refused(log, tmp_path):
+    import shutil
+
+    import cv2
+
+    copy = tmp_path / "copy"
+    shutil.copytree(log[0], copy)
+    stamp = (copy / "cam0" / "data.csv").read_text().splitlines()[1].split(",")[0]
+    (copy / "cam0" / "data.csv").write_text(f"#timestamp [ns],filename\n{stamp},{stamp}.png\n")
+    cv2.imwrite(str(copy / "cam0" / "data" / f"{stamp}.png"), np.zeros((10, 20, 3), np.uint8))
+    with pytest.raises(BadRecording, match=r"\(10, 20\).*\(1232, 1664\)"):
+        open_recording(copy)[0]
+    (copy / "cam0" / "data" / f"{stamp}.png").write_bytes(b"not a picture")
+    with pytest.raises(BadRecording, match="not a picture"):
+        open_recording(copy)[0]
