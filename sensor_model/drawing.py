@@ -63,7 +63,7 @@ def _prepare_gl() -> ModuleType:
     os.environ.setdefault("PYGLET_HEADLESS", "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe rasterises in the calling thread
     if not hasattr(np, "infty"):
-        np.infty = np.inf  # type: ignore[attr-defined]  # pyrender's name for it, gone from numpy 2
+        np.infty = np.inf  # type: ignore[attr-defined]  # noqa: NPY201  pyrender's name for it, gone from numpy 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of pyrender's and PyOpenGL's own imports
         warnings.simplefilter("ignore", UserWarning)
@@ -199,6 +199,9 @@ def _studio_class() -> Any:
             self.shaded: set[Any] = set()  # primitives: features shade only themselves
             self._bound: set[int] = set()
 
+        def __del__(self) -> None:
+            """It lives as long as the process; at its end GL may be gone, and the system frees what it held."""
+
         def render(self, scene: Any, flags: int, seg_node_map: Any = None) -> np.ndarray:
             self._bound.clear()
             return super().render(scene, flags, seg_node_map)
@@ -281,6 +284,9 @@ def _studio_class() -> Any:
             self.material = pyrender.MetallicRoughnessMaterial(doubleSided=True)
             self.pipe: Pipe | None = None
             self.drawn: dict[tuple[str, int], tuple[Any, float]] = {}
+
+        def __del__(self) -> None:
+            """As of its renderer."""
 
         def draw(self, pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, optics: Optics) -> np.ndarray:
             T_world_pipe = np.eye(4)

@@ -1,4 +1,4 @@
-"""From the drawn picture to the stored one: inter-reflection, haze, defocus, colour bleed, noise, tone, quantisation."""
+"""From the drawn picture to the stored one: inter-reflection, haze, defocus, colour bleed, noise, tone, storage."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sensor_model.rig import Camera
 CELL_PX = 8  # inter-reflection is gathered from cells of this size
 HAZE_CELL_PX = 16
 HAZE_SPREAD_PX = 110.0
-RINGS = np.arange(-1.5, 10.0, 0.125)  # of wall, by their distance ahead of the camera in bore radii
+RINGS = np.arange(-1.5, 24.0, 0.125)  # of wall, by their distance ahead of the camera in bore radii
 TONES = 1 << 16
 
 

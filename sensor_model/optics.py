@@ -24,18 +24,18 @@ class Optics(Settings):
     projector's light are no effects, and stay. Shares and noise are of full scale, in linear light.
     """
 
-    wall_reflectance: Channels = (0.92, 0.80, 0.70)
-    red_light: Channels = (1.0, 0.16, 0.10)
-    yellow_light: Channels = (0.76, 0.66, 0.33)
-    blue_light: Channels = (0.30, 0.34, 0.82)
-    distance_power: NonNegative = 1.5
+    wall_reflectance: Channels = (0.90, 0.84, 0.74)
+    red_light: Channels = (1.0, 0.17, 0.13)
+    yellow_light: Channels = (0.86, 0.78, 0.42)
+    blue_light: Channels = (0.27, 0.36, 0.92)
+    distance_power: NonNegative = 1.0
     """Light falls with this power of the distance from the projector; 2 is a bare point source."""
     angle_power: NonNegative = 1.0
     """Light falls with this power of the cosine between light and wall normal; 1 is Lambert's law."""
-    slide_jag_deg: NonNegative = 0.06
+    slide_jag_deg: NonNegative = 0.08
     """Largest shift of a slit's edges along the azimuth: the print of the slide, the same in every picture."""
 
-    inter_reflection: NonNegative = 0.55
+    inter_reflection: NonNegative = 0.4
     """Light that reaches the wall by way of the wall; 1 is a matt cylinder with the wall's own reflectance."""
     haze: Share = 0.06
     """Share of the light that lens and air scatter widely over the picture."""
@@ -45,7 +45,7 @@ class Optics(Settings):
     """Angle from the optical axis at which a bore is in focus."""
     color_bleed: Share = 0.18
     """Share of each channel that comes from the other two."""
-    exposure: Annotated[float, Field(gt=0)] = 1.0
+    exposure: Annotated[float, Field(gt=0)] = 1.4
     shot_noise: NonNegative = 0.012
     """Standard deviation at full scale; it falls with the root of the light."""
     read_noise: NonNegative = 0.003

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numba import njit
 
 from sensor_model.geometry import fisheye_rays
-from sensor_model.optics import REFERENCE_RANGE_MM, Optics, light
+from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics, light
 from sensor_model.rig import Camera, Rig
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
 from twin.pipe import Pipe, Wall, wall_radius_mm
@@ -23,13 +23,20 @@ SHADOW_LIFT_MM = 0.01
 SLOPE_STEP_MM = 0.005
 
 
-class View(NamedTuple):
-    """Where camera and projector are, in the pipe frame; rows of `R_projector_pipe` are the projector's axes."""
+Triple = tuple[float, ...]
+Rows = tuple[Triple, ...]
 
-    R_pipe_camera: np.ndarray
-    eye: np.ndarray
-    apex: np.ndarray
-    R_projector_pipe: np.ndarray
+
+class View(NamedTuple):
+    """Where camera and projector are, in the pipe frame; rows of `R_projector_pipe` are the projector's axes.
+
+    Tuples, not arrays: compiled code counts references to an array at every call.
+    """
+
+    R_pipe_camera: Rows
+    eye: Triple
+    apex: Triple
+    R_projector_pipe: Rows
     start: float
     end: float
     backed: bool
@@ -53,7 +60,7 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     check_inside(pipe, T_pipe_camera, rig)
     rays = camera_rays(rig.camera)
     picture = np.zeros(rays.shape, dtype=np.float32)
-    _draw(wall, low, view, light(rig.projector, optics), rays, picture)
+    _draw(wall, low, view, _plain(light(rig.projector, optics)), rays, picture)
     return picture
 
 
@@ -89,76 +96,114 @@ def camera_rays(camera: Camera) -> Float[np.ndarray, "h w 3"]:
 def _view(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig) -> View:
     T_pipe_projector = T_pipe_camera @ rig.projector.T_camera_projector
     return View(
-        np.ascontiguousarray(T_pipe_camera[:3, :3]),
-        np.ascontiguousarray(T_pipe_camera[:3, 3]),
-        np.ascontiguousarray(T_pipe_projector[:3, 3]),
-        np.ascontiguousarray(T_pipe_projector[:3, :3].T),
+        _rows(T_pipe_camera[:3, :3]),
+        tuple(T_pipe_camera[:3, 3].tolist()),
+        tuple(T_pipe_projector[:3, 3].tolist()),
+        _rows(T_pipe_projector[:3, :3].T),
         pipe.start_mm,
         pipe.end_mm,
         pipe.backed,
     )
 
 
-@njit(cache=True)
+def _rows(matrix: np.ndarray) -> Rows:
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def _plain(beam: Light) -> Light:
+    """The same with tuples for arrays."""
+    lit = {"lit_from": tuple(beam.lit_from.tolist()), "lit_to": tuple(beam.lit_to.tolist())}
+    return beam._replace(**lit, colors=_rows(beam.colors))
+
+
+@njit(cache=True, error_model="numpy")
 def _draw(wall, low, view, beam, rays, picture):
     height, width, _ = rays.shape
-    R = view.R_pipe_camera
-    direction, right, down, point, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(height):
         up, below = max(row - 1, 0), min(row + 1, height - 1)
         for col in range(width):
-            before, after = max(col - 1, 0), min(col + 1, width - 1)
-            for i in range(3):
-                direction[i], right[i], down[i] = 0.0, 0.0, 0.0
-                for j in range(3):
-                    direction[i] += R[i, j] * rays[row, col, j]
-                    right[i] += R[i, j] * (rays[row, after, j] - rays[row, before, j]) / (after - before)
-                    down[i] += R[i, j] * (rays[below, col, j] - rays[up, col, j]) / (below - up)
-            range_mm = _hit(wall, low, view, beam, direction, point)
+            direction = _turned(view.R_pipe_camera, rays[row, col, 0], rays[row, col, 1], rays[row, col, 2])
+            range_mm = _hit(wall, low, view, beam, direction)
             if range_mm < 0:
                 continue
-            _inward_normal(wall, low, point, normal)
-            _shade(wall, low, view, beam, range_mm, direction, right, down, point, normal, picture[row, col])
+            point = _along(view.eye, direction, range_mm)
+            normal = _inward_normal(wall, low, point)
+            right = _ray_change(view, rays, row, max(col - 1, 0), row, min(col + 1, width - 1))
+            down = _ray_change(view, rays, up, col, below, col)
+            tangent, footprint, azimuth, level = _aim(view, beam, range_mm, direction, right, down, point, normal)
+            if level <= 0 or _in_housing(view, beam, point) or _shadowed(wall, low, view, point, normal):
+                continue
+            if beam.jag_rad > 0:
+                tangent += _jag(beam, tangent, azimuth) * (1 + tangent * tangent)
+            begin, end = tangent - footprint / 2, tangent + footprint / 2
+            for band in range(len(beam.lit_from)):
+                share = level * (min(end, beam.lit_to[band]) - max(begin, beam.lit_from[band])) / footprint
+                if share > 0:
+                    for channel in range(3):
+                        picture[row, col, channel] += share * beam.colors[band][channel]
 
 
-@njit(cache=True)
-def _hit(wall, low, view, beam, direction, point):
-    """Range to the first crossing of the wall, mm, and the point there; -1 where no light can come from."""
+@njit(cache=True, error_model="numpy")
+def _turned(R, x, y, z):
+    return (
+        R[0][0] * x + R[0][1] * y + R[0][2] * z,
+        R[1][0] * x + R[1][1] * y + R[1][2] * z,
+        R[2][0] * x + R[2][1] * y + R[2][2] * z,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _along(origin, direction, s):
+    return (origin[0] + s * direction[0], origin[1] + s * direction[1], origin[2] + s * direction[2])
+
+
+@njit(cache=True, error_model="numpy")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _ray_change(view, rays, row_a, col_a, row_b, col_b):
+    """How a ray's direction changes from pixel to pixel."""
+    steps = row_b - row_a + col_b - col_a
+    x = (rays[row_b, col_b, 0] - rays[row_a, col_a, 0]) / steps
+    y = (rays[row_b, col_b, 1] - rays[row_a, col_a, 1]) / steps
+    z = (rays[row_b, col_b, 2] - rays[row_a, col_a, 2]) / steps
+    return _turned(view.R_pipe_camera, x, y, z)
+
+
+@njit(cache=True, error_model="numpy")
+def _hit(wall, low, view, beam, direction):
+    """Range to the first crossing of the wall, mm; -1 where no light can come from."""
     eye = view.eye
     radial2 = direction[0] ** 2 + direction[1] ** 2
     if radial2 < 1e-8:
         return -1.0
     first = _leave_cylinder(eye, direction, radial2, low)
     last = _leave_cylinder(eye, direction, radial2, wall.outer_radius)
-    for i in range(3):
-        point[i] = eye[i] + first * direction[i]
-    t_first = _half_angle_tangent(view, point)
-    for i in range(3):
-        point[i] = eye[i] + last * direction[i]
-    t_last = _half_angle_tangent(view, point)
-    dim, bright = beam.lit_from[0] * 0.98, beam.lit_to[-1] * 1.02
-    if max(t_first, t_last) < dim or min(t_first, t_last) > bright:
+    t_first = _half_angle_tangent(view, _along(eye, direction, first))
+    t_last = _half_angle_tangent(view, _along(eye, direction, last))
+    if max(t_first, t_last) < beam.lit_from[0] * 0.98 or min(t_first, t_last) > beam.lit_to[-1] * 1.02:
         return -1.0
     range_mm = first
     if wall.ovality != 0.0 or _near_feature(wall, eye, direction, first, last):
         range_mm = _march(wall, eye, direction, first, last)
-    for i in range(3):
-        point[i] = eye[i] + range_mm * direction[i]
-    if point[2] < view.start or point[2] > view.end:
+    x, y, z = _along(eye, direction, range_mm)
+    if z < view.start or z > view.end:
         return -1.0
-    if not view.backed and np.sqrt(point[0] ** 2 + point[1] ** 2) >= wall.outer_radius - 1e-5:
+    if not view.backed and np.sqrt(x * x + y * y) >= wall.outer_radius - 1e-5:
         return -1.0
     return range_mm
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _leave_cylinder(eye, direction, radial2, radius):
     b = eye[0] * direction[0] + eye[1] * direction[1]
     c = eye[0] ** 2 + eye[1] ** 2 - radius**2
     return (-b + np.sqrt(b * b - radial2 * c)) / radial2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _half_angle_tangent(view, point):
     axis = view.R_projector_pipe[2]
     x, y, z = point[0] - view.apex[0], point[1] - view.apex[1], point[2] - view.apex[2]
@@ -168,37 +213,37 @@ def _half_angle_tangent(view, point):
     return np.sqrt(max(x * x + y * y + z * z - along * along, 0.0)) / along
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _near_feature(wall, eye, direction, first, last):
     """Whether a stretch of a ray passes the box of any feature."""
     z_a, z_b = eye[2] + first * direction[2], eye[2] + last * direction[2]
-    middle = 0.5 * (first + last)
-    theta = np.arctan2(eye[0] + middle * direction[0], -(eye[1] + middle * direction[1]))
-    ends = np.arctan2(eye[0] + first * direction[0], -(eye[1] + first * direction[1]))
-    spread = wall.inner_radius * abs(_wrapped(ends - theta)) * 1.5
+    low_z, high_z = min(z_a, z_b), max(z_a, z_b)
     for i in range(wall.codes.size):
-        row = wall.rows[i]
-        center, half = row[CENTER_Z], row[HALF_BOX_Z]
-        if max(z_a, z_b) < center - half or min(z_a, z_b) > center + half:
+        center, half = wall.rows[i, CENTER_Z], wall.rows[i, HALF_BOX_Z]
+        if high_z < center - half or low_z > center + half:
             continue
-        if wall.inner_radius * abs(_wrapped(theta - row[CENTER_THETA])) <= row[HALF_BOX_ARC] + spread:
+        middle = 0.5 * (first + last)
+        theta = np.arctan2(eye[0] + middle * direction[0], -(eye[1] + middle * direction[1]))
+        begin = np.arctan2(eye[0] + first * direction[0], -(eye[1] + first * direction[1]))
+        spread = wall.inner_radius * abs(_wrapped(begin - theta)) * 1.5
+        if wall.inner_radius * abs(_wrapped(theta - wall.rows[i, CENTER_THETA])) <= wall.rows[i, HALF_BOX_ARC] + spread:
             return True
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _wrapped(angle):
     return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _clearance(wall, origin, direction, s):
     """How far a point of a ray is inside the wall, mm; negative beyond it."""
     x, y = origin[0] + s * direction[0], origin[1] + s * direction[1]
     return wall_radius_mm(wall, np.arctan2(x, -y), origin[2] + s * direction[2]) - np.sqrt(x * x + y * y)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _march(wall, eye, direction, first, last):
     """First crossing between two ranges: steps that the gap allows, then bisection."""
     inside = first
@@ -221,13 +266,12 @@ def _march(wall, eye, direction, first, last):
     return outside
 
 
-@njit(cache=True)
-def _inward_normal(wall, low, point, normal):
+@njit(cache=True, error_model="numpy")
+def _inward_normal(wall, low, point):
     """Unit normal of rho = r(theta, z), towards the axis."""
     rho = np.sqrt(point[0] ** 2 + point[1] ** 2)
     if wall.ovality == 0.0 and rho < low + HIT_TOLERANCE_MM:
-        normal[0], normal[1], normal[2] = -point[0] / rho, -point[1] / rho, 0.0
-        return
+        return (-point[0] / rho, -point[1] / rho, 0.0)
     theta = np.arctan2(point[0], -point[1])
     turn = SLOPE_STEP_MM / rho
     slope_z = wall_radius_mm(wall, theta, point[2] + SLOPE_STEP_MM) - wall_radius_mm(
@@ -237,49 +281,38 @@ def _inward_normal(wall, low, point, normal):
     slope_z, slope_arc = slope_z / (2 * SLOPE_STEP_MM), slope_arc / (2 * SLOPE_STEP_MM)
     length = np.sqrt(1 + slope_z**2 + slope_arc**2)
     sine, cosine = point[0] / rho, point[1] / rho
-    normal[0] = (-sine - slope_arc * cosine) / length
-    normal[1] = (-cosine + slope_arc * sine) / length
-    normal[2] = slope_z / length
+    return ((-sine - slope_arc * cosine) / length, (-cosine + slope_arc * sine) / length, slope_z / length)
 
 
-@njit(cache=True)
-def _shade(wall, low, view, beam, range_mm, direction, right, down, point, normal, color):
-    """The projector's light on one pixel's piece of wall: bands filtered over the pixel, strut, housing, shadow."""
-    to_x, to_y, to_z = point[0] - view.apex[0], point[1] - view.apex[1], point[2] - view.apex[2]
-    distance = np.sqrt(to_x**2 + to_y**2 + to_z**2)
-    facing = -(normal[0] * to_x + normal[1] * to_y + normal[2] * to_z) / distance
-    looking = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
+@njit(cache=True, error_model="numpy")
+def _aim(view, beam, range_mm, direction, right, down, point, normal):
+    """Where a pixel's piece of wall lies on the slide (tangent of its half angle, footprint, azimuth); its light."""
+    to = (point[0] - view.apex[0], point[1] - view.apex[1], point[2] - view.apex[2])
+    distance = np.sqrt(_dot(to, to))
+    facing = -_dot(normal, to) / distance
+    looking = _dot(normal, direction)
     if facing <= 0 or looking >= 0:
-        return
+        return 0.0, 1.0, 0.0, 0.0
     M = view.R_projector_pipe
-    x = M[0, 0] * to_x + M[0, 1] * to_y + M[0, 2] * to_z
-    y = M[1, 0] * to_x + M[1, 1] * to_y + M[1, 2] * to_z
-    along = M[2, 0] * to_x + M[2, 1] * to_y + M[2, 2] * to_z
+    x, y, along = _turned(M, to[0], to[1], to[2])
     across = np.sqrt(x * x + y * y)
     tangent = across / along
     # gradient of the tangent on the wall, then per pixel: the footprint of one pixel on the slide
     along_right, along_down = 0.0, 0.0
-    n_right = normal[0] * right[0] + normal[1] * right[1] + normal[2] * right[2]
-    n_down = normal[0] * down[0] + normal[1] * down[1] + normal[2] * down[2]
+    n_right, n_down = _dot(normal, right) / looking, _dot(normal, down) / looking
     for i in range(3):
-        gradient = ((M[0, i] * x + M[1, i] * y) / across - tangent * M[2, i]) / along
-        along_right += gradient * range_mm * (right[i] - direction[i] * n_right / looking)
-        along_down += gradient * range_mm * (down[i] - direction[i] * n_down / looking)
+        gradient = ((M[0][i] * x + M[1][i] * y) / across - tangent * M[2][i]) / along
+        along_right += gradient * range_mm * (right[i] - direction[i] * n_right)
+        along_down += gradient * range_mm * (down[i] - direction[i] * n_down)
     footprint = max(np.sqrt(along_right**2 + along_down**2), 1e-6)
     azimuth = np.arctan2(x, -y)
-    visible = _strut(beam, azimuth)
-    if visible <= 0 or _in_housing(view, beam, point) or _shadowed(wall, low, view, point, normal):
-        return
-    tangent += _jag(beam, tangent, azimuth) * (1 + tangent * tangent)
-    level = visible * facing**beam.angle_power * (REFERENCE_RANGE_MM / distance) ** beam.distance_power
-    for band in range(beam.lit_from.size):
-        share = min(tangent + footprint / 2, beam.lit_to[band]) - max(tangent - footprint / 2, beam.lit_from[band])
-        if share > 0:
-            for channel in range(3):
-                color[channel] += level * share / footprint * beam.colors[band, channel]
+    level = _strut(beam, azimuth)
+    if level > 0:
+        level *= facing**beam.angle_power * (REFERENCE_RANGE_MM / distance) ** beam.distance_power
+    return tangent, footprint, azimuth, level
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _strut(beam, azimuth):
     if beam.strut_half_width_rad == 0.0:
         return 1.0
@@ -287,14 +320,14 @@ def _strut(beam, azimuth):
     return min(max(beyond / max(beam.strut_softness_rad, 1e-6) + 0.5, 0.0), 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _in_housing(view, beam, point):
     """Whether the light to a point crosses the camera's own plane within the housing."""
     R = view.R_pipe_camera
     apex_z, point_z = 0.0, 0.0
     for i in range(3):
-        apex_z += R[i, 2] * (view.apex[i] - view.eye[i])
-        point_z += R[i, 2] * (point[i] - view.eye[i])
+        apex_z += R[i][2] * (view.apex[i] - view.eye[i])
+        point_z += R[i][2] * (point[i] - view.eye[i])
     if apex_z >= 0 or point_z <= 0:
         return False
     part = apex_z / (apex_z - point_z)
@@ -302,20 +335,24 @@ def _in_housing(view, beam, point):
     for axis in range(2):
         offset = 0.0
         for i in range(3):
-            offset += R[i, axis] * (view.apex[i] + part * (point[i] - view.apex[i]) - view.eye[i])
+            offset += R[i][axis] * (view.apex[i] + part * (point[i] - view.apex[i]) - view.eye[i])
         radius2 += offset * offset
     return radius2 < beam.housing_radius_mm**2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _shadowed(wall, low, view, point, normal):
     """Whether the wall stands between a point and the projector; the bore, being convex, shades nothing."""
     if np.sqrt(point[0] ** 2 + point[1] ** 2) <= low + 1e-4:
         return False
-    origin = point + SHADOW_LIFT_MM * normal
-    towards = view.apex - origin
-    length = np.sqrt(towards[0] ** 2 + towards[1] ** 2 + towards[2] ** 2)
-    towards /= length
+    x, y, z = (
+        point[0] + SHADOW_LIFT_MM * normal[0],
+        point[1] + SHADOW_LIFT_MM * normal[1],
+        point[2] + SHADOW_LIFT_MM * normal[2],
+    )
+    to_x, to_y, to_z = view.apex[0] - x, view.apex[1] - y, view.apex[2] - z
+    length = np.sqrt(to_x**2 + to_y**2 + to_z**2)
+    origin, towards = (x, y, z), (to_x / length, to_y / length, to_z / length)
     s = 0.0
     while s < length:
         rho = np.sqrt((origin[0] + s * towards[0]) ** 2 + (origin[1] + s * towards[1]) ** 2)
@@ -328,13 +365,11 @@ def _shadowed(wall, low, view, point, normal):
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _jag(beam, tangent, azimuth):
     """Shift of the nearest slit edge at one azimuth, rad: fixed noise, joined linearly between cells of the slide."""
-    if beam.jag_rad == 0.0:
-        return 0.0
     nearest, edge = 1e9, 0
-    for band in range(beam.lit_from.size):
+    for band in range(len(beam.lit_from)):
         if abs(tangent - beam.lit_from[band]) < nearest:
             nearest, edge = abs(tangent - beam.lit_from[band]), 2 * band
         if abs(tangent - beam.lit_to[band]) < nearest:
@@ -345,7 +380,7 @@ def _jag(beam, tangent, azimuth):
     return beam.jag_rad * ((1 - part) * _hashed(edge, cell) + part * _hashed(edge, cell + 1))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _hashed(edge, cell):
     """A fixed number in [-1, 1) for one edge and cell: 32-bit integer arithmetic, as the shader has it."""
     mask = np.uint64(0xFFFFFFFF)
