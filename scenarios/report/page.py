@@ -1,4 +1,118 @@
-"""The run's page."""
+"""The run's page: one HTML file that opens offline, without a script or a second file."""
+
+from __future__ import annotations
+
+from html import escape
 from pathlib import Path
-def write_report(run, file: Path) -> None:
-    file.write_text("<html></html>")
+
+from scenarios.report.canvas import Picture
+from scenarios.report.comparison import Row, rows
+from scenarios.report.numbers import score_figure
+from scenarios.report.path_figures import errors_over_distance, true_path, yield_over_distance
+from scenarios.report.photographs import sample_picture
+from scenarios.report.statements import not_seen, oracle, scanned, verdict
+from scenarios.report.tables import defect_table, facts, score_tables, settings_table, slit_table
+from scenarios.report.wall_figures import pipe_in_space, profiles, wall_map
+from scenarios.run import Run
+
+MOST_PROFILES = 8
+STYLE = Path(__file__).parent / "page.css"
+TILES = {
+    "length_error_mm_max": "worst length error",
+    "width_error_mm_max": "worst width error",
+    "depth_error_mm_max": "worst depth error",
+    "center_rms_mm": "camera centre, RMS error",
+    "roll_rms_deg": "roll, RMS error",
+    "seen_share": "of the scanned wall seen",
+}
+
+
+def write_report(run: Run, file: Path) -> None:
+    """Write the page of one run; the same run gives the same bytes."""
+    every = rows(run)
+    sections = {
+        "defects": ("Defects, measured beside true", defect_table(run, every)),
+        "map": ("Wall map", _figure(wall_map(run, every))),
+        "not-seen": ("What was not seen", _list(not_seen(run))),
+        "profiles": ("Depth profiles", _profiles(run, every)),
+        "space": ("The pipe in space", _figure(pipe_in_space(run))),
+        "score": ("Score", score_tables(run) + f'<p class="note"><b>Oracle.</b> {escape(oracle(run))}</p>'),
+        "pose": ("Pose errors", _figure(errors_over_distance(run))),
+        "path": ("The true path", _figure(true_path(run))),
+        "frames": ("Frames and pictures", _frames(run)),
+        "settings": ("Settings", _settings(run)),
+    }
+    body = "".join(
+        f'<section id="{key}"><h2>{title}</h2>{inside}</section>\n' for key, (title, inside) in sections.items()
+    )
+    links = "".join(f'<a href="#{key}">{title}</a> ' for key, (title, _) in sections.items())
+    file.write_text(_page(run, every, f"<nav aria-label='On this page'>{links}</nav>", body), encoding="utf-8")
+
+
+def _page(run: Run, every: list[Row], links: str, body: str) -> str:
+    name, score = escape(run.scenario.name), run.score
+    clean = score.defects_found == score.defects_true and score.false_calls == 0
+    tiles = "".join(
+        f"<li><b>{escape(score_figure(key, getattr(score, key)))}</b><span>{escape(words)}</span></li>"
+        for key, words in TILES.items()
+    )
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+<title>{name}: pipe scan report</title>
+<style>
+{STYLE.read_text(encoding="utf-8")}</style>
+</head>
+<body>
+<header>
+<h1>Pipe scan report: {name}</h1>
+<p class="lead">{escape(run.scenario.why)}</p>
+<p class="verdict {"clean" if clean else "faulty"}">{escape(verdict(run, every))}</p>
+<ul class="tiles">{tiles}</ul>
+{links}
+</header>
+<main>
+<section id="scan"><h2>What was scanned</h2>{facts(scanned(run))}</section>
+{body}</main>
+<footer>A simulated scan: the measurement never saw the truth it is compared with here. Lengths in millimetres, angles in
+degrees, clock positions in h:mm.</footer>
+</body>
+</html>
+"""
+
+
+def _figure(picture: Picture, scrolls: bool = True) -> str:
+    image = f'<img src="{picture.source}" width="{picture.width_px}" height="{picture.height_px}" alt="{escape(picture.alt)}">'
+    inside = f'<div class="scroll" tabindex="0">{image}</div>' if scrolls else image
+    return f"<figure>{inside}<figcaption>{escape(picture.caption)}</figcaption></figure>"
+
+
+def _list(lines: list[str]) -> str:
+    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+
+
+def _profiles(run: Run, every: list[Row]) -> str:
+    if not every:
+        return "<p>No defect to show.</p>"
+    shown = "".join(_figure(profiles(run, row)) for row in every[:MOST_PROFILES])
+    rest = len(every) - MOST_PROFILES
+    return shown + (f"<p>{rest} further defects are in the table only.</p>" if rest > 0 else "")
+
+
+def _frames(run: Run) -> str:
+    pictures = [sample_picture(run, sample) for sample in run.samples]
+    shown = "".join(_figure(picture, scrolls=False) for picture in pictures if picture is not None)
+    words = (
+        "<p>Decoded slit centres laid over the camera's pictures; neighbouring slits have unlike colours.</p>"
+        f'<div class="photographs">{shown}</div>'
+        if shown
+        else "<p>No pictures to show: at this fidelity slit pixels come straight from the wall, and no picture is taken.</p>"
+    )
+    return words + _figure(yield_over_distance(run)) + slit_table(run)
+
+
+def _settings(run: Run) -> str:
+    return f"<details><summary>Every setting of this scenario</summary>{settings_table(run)}</details>"

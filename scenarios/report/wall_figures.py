@@ -1,0 +1,313 @@
+"""Pictures of the wall: unrolled, in profile through each defect, and in space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from algorithms.types import Defect, WallMap
+from scenarios.report.canvas import (
+    BLACK,
+    BLUE,
+    HATCH,
+    UNSEEN,
+    VERMILION,
+    Picture,
+    clock_axis,
+    drawing,
+    hatch_unseen,
+    to_picture,
+)
+from scenarios.report.comparison import Row, true_size
+from scenarios.run import Run
+from sensor_model.geometry import clock_position, wall_direction, wrap_rad
+from twin.features.base import Feature
+from twin.pipe import Pipe
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOR_MAP = "cividis"
+INWARD_MM = 1.0  # wall standing in by more than this is given colours of its own
+LEAST_RANGE_MM = 0.5
+MARGIN_MM = 18.0
+DEPTH_DRAWN = 2.0  # so many times in the view in space
+VIEW_STRIPES = 130, 420
+
+
+def undamaged(pipe: Pipe) -> Pipe:
+    """The same pipe without its features."""
+    return Pipe.model_validate({**pipe.model_dump(), "features": ()})
+
+
+def true_depth_mm(pipe: Pipe, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Float[np.ndarray, "*batch"]:
+    """Depth of the true wall below the undamaged bore."""
+    return pipe.radius(theta_rad, z_mm) - undamaged(pipe).radius(theta_rad, z_mm)
+
+
+def depth_range_mm(run: Run) -> tuple[float, float]:
+    """Ends of the depth colours: the deepest defect, true or measured."""
+    deviation = run.found.deviation_mm
+    seen = deviation[np.isfinite(deviation)]
+    low = float(np.percentile(seen, 0.5)) if seen.size else 0.0
+    deepest = [feature.size(run.truth.pipe.bore_radius_mm).depth_mm for feature in run.truth.pipe.features]
+    deepest += [defect.depth_mm for defect in run.found.defects]
+    return (low if low < -INWARD_MM else 0.0), max([LEAST_RANGE_MM, *deepest])
+
+
+def wall_map(run: Run, rows: list[Row]) -> Picture:
+    """The unrolled wall, coloured by depth, with true outlines and measured boxes."""
+    wall = run.found.wall
+    touched = np.flatnonzero(wall.seen.any(axis=0))
+    columns = slice(int(touched[0]), int(touched[-1]) + 1)
+    half_cell = (wall.z_mm[1] - wall.z_mm[0]) / 2
+    ends = float(wall.z_mm[columns][0] - half_cell), float(wall.z_mm[columns][-1] + half_cell)
+    low, high = depth_range_mm(run)
+    with drawing(5.3) as figure:
+        axes = figure.subplots()
+        axes.grid(visible=False)
+        hatch_unseen(axes)
+        shown = axes.imshow(
+            np.ma.masked_invalid(run.found.deviation_mm[:, columns]),
+            extent=(*ends, 360, 0),
+            aspect="auto",
+            interpolation="nearest",
+            cmap=COLOR_MAP,
+            vmin=low,
+            vmax=high,
+        )
+        for row in rows:
+            _outline(axes, row, run)
+        clock_axis(axes)
+        axes.set_xlim(*ends)
+        axes.set_xlabel("distance along the pipe (mm)")
+        axes.set_title("Unrolled wall: depth below the undamaged bore")
+        _map_key(axes)
+        figure.colorbar(shown, ax=axes, label="depth (mm)", fraction=0.025, pad=0.01)
+        unseen = 100 * (1 - run.score.seen_share)
+        return to_picture(
+            figure,
+            f"Unrolled map of the wall from {ends[0]:.0f} to {ends[1]:.0f} mm, clock positions 12 to 12 from top to "
+            f"bottom, coloured by depth up to {high:.1f} mm; {len(run.found.defects)} measured boxes over "
+            f"{len(run.truth.pipe.features)} true outlines; hatched grey is not seen.",
+            "The wall unrolled, clock positions as seen looking downstream. Dashed: the true outline at half depth; solid "
+            f"box: as measured, numbered as in the table. Hatched grey: not seen ({unseen:.1f} % of the scanned wall), "
+            "never filled in.",
+        )
+
+
+def _outline(axes: Axes, row: Row, run: Run) -> None:
+    """True outline and measured box of one defect, drawn a turn up and down too, for those that cross 12 o'clock."""
+    from matplotlib.patches import Rectangle
+
+    radius = run.truth.pipe.bore_radius_mm
+    if row.feature is not None:
+        _true_outline(axes, row.feature, run.truth.pipe)
+    label_z, label_deg = row.distance_mm, np.degrees(row.theta_rad)
+    size = true_size(row, run)
+    half_width_deg = np.degrees((size.width_mm if size else 0) / 2 / radius)
+    if row.defect is not None:
+        box = row.defect
+        height = float(np.degrees(box.width_mm / radius))
+        top = float(np.degrees(box.theta_rad)) - height / 2
+        for turn in (-360, 0, 360):
+            corner = box.start_mm, top + turn
+            axes.add_patch(Rectangle(corner, box.length_mm, height, fill=False, edgecolor=VERMILION, linewidth=1.6))
+        half_width_deg = max(half_width_deg, height / 2)
+    place = float(np.mod(label_deg - half_width_deg - 9, 360))
+    words = f"{row.number}" if row.kind == "found" else f"{row.number} {row.kind}"
+    box_style = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": BLACK, "linewidth": 0.8}
+    axes.text(label_z, place, words, ha="center", va="center", fontsize=9, bbox=box_style, clip_on=True)
+
+
+def _true_outline(axes: Axes, feature: Feature, pipe: Pipe) -> None:
+    size = feature.size(pipe.bore_radius_mm)
+    z = feature.distance_mm + np.linspace(-0.75, 0.75, 181) * size.length_mm
+    arc = np.linspace(-0.75, 0.75, 181) * size.width_mm
+    theta = np.radians(feature.clock_deg) + arc / pipe.bore_radius_mm
+    depth = true_depth_mm(pipe, theta[:, None], z[None, :])
+    for turn in (-360, 0, 360):
+        degrees = np.degrees(theta) + turn
+        if degrees[-1] < 0 or degrees[0] > 360:
+            continue
+        axes.contour(z, degrees, depth, [size.depth_mm / 2], colors="black", linewidths=2.4)
+        axes.contour(z, degrees, depth, [size.depth_mm / 2], colors="white", linewidths=1.4, linestyles="dashed")
+
+
+def _map_key(axes: Axes) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    axes.legend(
+        handles=[
+            Line2D([], [], color=BLACK, linestyle=(0, (2.5, 1.5)), label="true outline"),
+            Patch(facecolor="none", edgecolor=VERMILION, linewidth=1.6, label="measured"),
+            Patch(facecolor=UNSEEN, edgecolor=HATCH, hatch="////", label="not seen"),
+        ],
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=3,
+        borderaxespad=0.2,
+    )
+
+
+def profiles(run: Run, row: Row) -> Picture:
+    """Depth along and around through the middle of one defect, measured against the true wall."""
+    wall, pipe = run.found.wall, run.truth.pipe
+    around = int(np.argmin(np.abs(wrap_rad(wall.theta_rad - row.theta_rad))))
+    along = int(np.argmin(np.abs(wall.z_mm - row.distance_mm)))
+    length, width = _extent_mm(row, run)
+    reach_z, reach_arc = length / 2 + MARGIN_MM, min(width / 2 + MARGIN_MM, np.pi * pipe.bore_radius_mm)
+    offset = wrap_rad(wall.theta_rad - row.theta_rad) * pipe.bore_radius_mm
+    order = np.argsort(offset)
+    fine_z = row.distance_mm + np.linspace(-reach_z, reach_z, 801)
+    fine_arc = np.linspace(-reach_arc, reach_arc, 801)
+    spread, deviation = wall.spread_mm, run.found.deviation_mm
+    with drawing(3.5) as figure:
+        axial, across = figure.subplots(1, 2, sharey=True)
+        theta, z = float(wall.theta_rad[around]), float(wall.z_mm[along])
+        true_z = true_depth_mm(pipe, theta, fine_z)
+        true_arc = true_depth_mm(pipe, row.theta_rad + fine_arc / pipe.bore_radius_mm, z)
+        _profile(axial, wall.z_mm, deviation[around], spread[around], fine_z, true_z)
+        _profile(across, offset[order], deviation[order, along], spread[order, along], fine_arc, true_arc)
+        _mark_box(axial, across, row, pipe.bore_radius_mm)
+        axial.set_title(f"Defect {row.number}: along the pipe at {clock_position(theta)}")
+        axial.set_xlabel("distance along the pipe (mm)")
+        across.set_title(f"Defect {row.number}: around the wall at {z:.0f} mm")
+        across.set_xlabel("arc from its middle, clockwise (mm)")
+        axial.set_ylabel("depth (mm)")
+        for axes in (axial, across):
+            axes.axhline(pipe.wall_mm, color=BLACK, linewidth=0.9, linestyle=(0, (1, 2)))
+        deepest = max(pipe.wall_mm, float(np.nanmax(np.r_[true_z, true_arc])), depth_range_mm(run)[1])
+        axial.set_ylim(deepest * 1.12, -0.12 * deepest)
+        across.legend(loc="upper center", bbox_to_anchor=(0.0, -0.18), ncols=5)
+        return to_picture(
+            figure,
+            f"Depth profiles through defect {row.number} ({row.kind}) at {row.distance_mm:.0f} mm, {row.clock}: measured "
+            "points over the true wall, along and around the pipe; stretches that were not seen are hatched.",
+            f"Defect {row.number} ({row.kind}). Dots: cells of the wall map with the spread of their points; line: the true "
+            f"wall; dotted line: the full wall, {pipe.wall_mm:g} mm.",
+        )
+
+
+def _extent_mm(row: Row, run: Run) -> tuple[float, float]:
+    """The larger of true and measured size."""
+    sizes = [(size.length_mm, size.width_mm) for size in [true_size(row, run)] if size]
+    sizes += [(d.length_mm, d.width_mm) for d in [row.defect] if d]
+    length, width = np.nanmax(np.array(sizes), axis=0)
+    return float(length), float(width)
+
+
+def _profile(
+    axes: Axes, x: np.ndarray, depth: np.ndarray, spread: np.ndarray, fine: np.ndarray, true: np.ndarray
+) -> None:
+    near = (x >= fine[0]) & (x <= fine[-1])
+    x, depth, spread = x[near], depth[near], spread[near]
+    unseen = ~np.isfinite(depth)
+    half = (x[1] - x[0]) / 2 if x.size > 1 else 0.5
+    for k, (first, last) in enumerate(stretches(unseen)):
+        words = {"label": "not seen"} if k == 0 else {}
+        axes.axvspan(x[first] - half, x[last] + half, facecolor=UNSEEN, edgecolor=HATCH, hatch="////", lw=0, **words)
+    axes.plot(fine, true, color=BLACK, label="true wall")
+    axes.errorbar(
+        x,
+        depth,
+        np.nan_to_num(spread),
+        fmt="o",
+        markersize=3,
+        color=BLUE,
+        ecolor="#9cc4df",
+        elinewidth=0.9,
+        label="measured",
+    )
+    axes.set_xlim(float(fine[0]), float(fine[-1]))
+
+
+def _mark_box(axial: Axes, across: Axes, row: Row, radius_mm: float) -> None:
+    if row.defect is None:
+        return
+    d = row.defect
+    middle = float(wrap_rad(d.theta_rad - row.theta_rad)) * radius_mm
+    edges = (
+        (axial, (d.start_mm, d.start_mm + d.length_mm)),
+        (across, (middle - d.width_mm / 2, middle + d.width_mm / 2)),
+    )
+    for axes, places in edges:
+        for k, place in enumerate(places):
+            words = {"label": "measured edges, at half depth"} if k == 0 else {}
+            axes.axvline(place, color=VERMILION, linewidth=1.2, **words)
+
+
+def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
+    """First and last index of every run of true values."""
+    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(int), 0]))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def pipe_in_space(run: Run) -> Picture:
+    """The reconstructed wall cut open lengthwise and coloured by its deviation, seen from the side."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import Normalize
+
+    wall, radius = run.found.wall, run.truth.pipe.bore_radius_mm
+    focus = _focus_rad(run.found.defects)
+    corners, depth = _half_pipe(wall, run.found.deviation_mm, focus, radius)
+    low, high = depth_range_mm(run)
+    scale = ScalarMappable(Normalize(low, high), COLOR_MAP)
+    with drawing(4.4) as figure:
+        axes = figure.subplots()
+        colors = scale.to_rgba(depth)[:, :3] * _shade(corners)[:, None]
+        axes.add_collection(PolyCollection(list(corners), facecolors=colors, edgecolors=colors, linewidths=0.3))
+        axes.autoscale_view()
+        axes.set_aspect("equal")
+        axes.grid(visible=False)
+        axes.set_yticks([])
+        axes.spines["left"].set_visible(False)
+        axes.set_xlabel("distance along the pipe (mm), foreshortened across")
+        axes.set_title(f"Reconstructed wall, cut open; looking at {clock_position(focus)} from inside")
+        figure.colorbar(scale, ax=axes, label="deviation (mm)", fraction=0.02, pad=0.01)
+        return to_picture(
+            figure,
+            f"The reconstructed pipe in space, its half around {clock_position(focus)} seen from inside and coloured by "
+            f"wall deviation up to {high:.1f} mm; holes are places that were not seen.",
+            f"The half of the wall around {clock_position(focus)}, seen from inside; depths drawn {DEPTH_DRAWN:g} times. "
+            "Open places were not seen.",
+        )
+
+
+def _focus_rad(defects: tuple[Defect, ...]) -> float:
+    """The clock position to look at: the deepest defect's, or 6 o'clock."""
+    return max(defects, key=lambda defect: defect.depth_mm).theta_rad if defects else np.pi
+
+
+def _half_pipe(
+    wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], focus_rad: float, radius_mm: float
+) -> tuple[Float[np.ndarray, "n 4 2"], Float[np.ndarray, "n"]]:
+    """Quadrilaterals of the half wall around `focus_rad` in the plane of the paper, the farthest first, and their depths."""
+    touched = np.flatnonzero(wall.seen.any(axis=0))
+    columns = touched[0] + np.unique(np.linspace(0, np.ptp(touched), VIEW_STRIPES[1]).astype(int))
+    turn = np.linspace(-np.pi / 2, np.pi / 2, VIEW_STRIPES[0])
+    around = np.floor(np.mod(turn + focus_rad, 2 * np.pi) / (2 * np.pi) * wall.theta_rad.size).astype(int)
+    depth = deviation_mm[np.ix_(around % wall.theta_rad.size, columns)]
+    drawn = radius_mm + DEPTH_DRAWN * np.nan_to_num(depth)
+    # the focus lies straight ahead, its clockwise side up; a view from slightly above and behind shows the depth
+    away, up = drawn * np.cos(turn)[:, None], drawn * np.sin(turn)[:, None]
+    flat = np.stack([wall.z_mm[columns][None, :] + 0.35 * away, up + 0.25 * away], axis=-1)
+    quads = np.stack([flat[:-1, :-1], flat[1:, :-1], flat[1:, 1:], flat[:-1, 1:]], axis=2)
+    value = depth[:-1, :-1]
+    order = np.argsort(-away[:-1, :-1], axis=None, kind="stable")
+    whole = order[np.isfinite(value).ravel()[order]]
+    return quads.reshape(-1, 4, 2)[whole], value.ravel()[whole]
+
+
+def _shade(corners: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray, "n"]:
+    """Brightness by how squarely a cell faces the reader, so that the shape shows."""
+    edge_z, edge_up = corners[:, 3] - corners[:, 0], corners[:, 1] - corners[:, 0]
+    area = np.abs(edge_z[:, 0] * edge_up[:, 1] - edge_z[:, 1] * edge_up[:, 0])
+    return 0.55 + 0.45 * np.clip(area / max(float(np.percentile(area, 95)), 1e-9), 0, 1)
+
+
+__all__ = ["pipe_in_space", "profiles", "stretches", "true_depth_mm", "wall_direction", "wall_map"]
