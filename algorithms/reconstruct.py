@@ -98,10 +98,9 @@ def finish(state: State) -> Reconstruction:
         raise ReconstructionFailed(f"no frame registered: {max(set(reasons), key=reasons.count)}")
     wall = finish_map(state.builder)
     deviation = deviation_mm(wall)
-    noise = noise_mm(deviation)
+    noise = noise_mm(wall, deviation)
     sizing = state.method.sizing
-    seen = deviation[np.isfinite(deviation)]
-    threshold = THRESHOLDS[sizing.threshold.rule](seen, noise, sizing.threshold)
+    threshold = THRESHOLDS[sizing.threshold.rule](deviation, noise, sizing.threshold)
     defects = measure_defects(wall, deviation, threshold, noise, state.pipe, sizing)
     return Reconstruction(trajectory(state.results), wall, deviation, noise, threshold, defects)
 

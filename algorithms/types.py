@@ -112,11 +112,11 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """The result of one scan."""
+    """The result of one scan; noise and threshold of the wall map at each distance, NaN where nothing was seen."""
 
     trajectory: Trajectory
     wall: WallMap
     deviation_mm: Float[np.ndarray, "around along"]
-    noise_mm: float
-    threshold_mm: float
+    noise_mm: Float[np.ndarray, "along"]
+    threshold_mm: Float[np.ndarray, "along"]
     defects: tuple[Defect, ...]

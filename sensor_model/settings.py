@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
@@ -21,6 +23,11 @@ class Settings(BaseModel):
 
     def __hash__(self) -> int:
         return hash((type(self), self._values()))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A validated copy: pydantic's own would keep cached properties of the old fields, and check nothing."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self).model_validate({**(deepcopy(values) if deep else values), **(update or {})})
 
     def _values(self) -> tuple[Any, ...]:
         return tuple(getattr(self, name) for name in type(self).model_fields)

@@ -50,8 +50,12 @@ def segment(
 
 
 def measure_defects(
-    wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], threshold_mm: float, noise_mm: float,
-    pipe: NominalPipe, settings: SizingSettings,
+    wall: WallMap,
+    deviation_mm: Float[np.ndarray, "around along"],
+    threshold_mm: Float[np.ndarray, "along"],
+    noise_mm: Float[np.ndarray, "along"],
+    pipe: NominalPipe,
+    settings: SizingSettings,
 ) -> tuple[Defect, ...]:
     """Every defect deeper than the threshold, in order of distance."""
     labels = segment(deviation_mm > threshold_mm, wall, pipe.inner_radius_mm, settings.join_mm)
@@ -68,7 +72,7 @@ def measure_one(
     wall: WallMap,
     deviation_mm: Float[np.ndarray, "around along"],
     cells: Bool[np.ndarray, "around along"],
-    noise_mm: float,
+    noise_mm: Float[np.ndarray, "along"],
     pipe: NominalPipe,
 ) -> Defect:
     """Size one defect: depth over the background, then both extents at half of that depth."""
@@ -99,7 +103,7 @@ def measure_one(
         wall_loss_pct=100 * depth / pipe.wall_thickness_mm,
         length_std_mm=axial.std_mm,
         width_std_mm=arc.std_mm,
-        depth_std_mm=float(np.hypot(noise_mm, np.std(level) / np.sqrt(level.size))),
+        depth_std_mm=float(np.hypot(np.median(noise_mm[rows]), np.std(level) / np.sqrt(level.size))),
         unseen_share=float(np.mean(~np.isfinite(box))),
         seen_cells=int(inside.sum()),
         cut_by_scan_end=bool(rows[0] <= scanned.start or rows[-1] >= scanned.stop - 1),

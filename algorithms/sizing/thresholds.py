@@ -12,6 +12,9 @@ from pydantic import Field
 from sensor_model.settings import Settings
 
 
+MIN_LEVELS = 16  # fewer different values make no histogram
+
+
 class ThresholdSettings(Settings):
     """Which rule, and its figures: the smallest depth worth calling, and how far above the map's noise."""
 
@@ -20,20 +23,24 @@ class ThresholdSettings(Settings):
     min_depth_mm: Annotated[float, Field(gt=0)] = 0.4
 
 
-def by_noise(deviation_mm: Float[np.ndarray, "n"], noise_mm: float, settings: ThresholdSettings) -> float:
-    """So many standard deviations of the wall map's own noise."""
-    return max(settings.noise_sigmas * noise_mm, settings.min_depth_mm)
+def by_noise(
+    deviation_mm: Float[np.ndarray, "around along"], noise_mm: Float[np.ndarray, "along"], settings: ThresholdSettings
+) -> Float[np.ndarray, "along"]:
+    """So many standard deviations of the wall map's own noise at each distance."""
+    return np.maximum(settings.noise_sigmas * noise_mm, settings.min_depth_mm)
 
 
-def by_otsu(deviation_mm: Float[np.ndarray, "n"], noise_mm: float, settings: ThresholdSettings) -> float:
-    """The first of two levels that part the map's histogram in three (multi-Otsu), never below the noise's."""
+def by_otsu(
+    deviation_mm: Float[np.ndarray, "around along"], noise_mm: Float[np.ndarray, "along"], settings: ThresholdSettings
+) -> Float[np.ndarray, "along"]:
+    """The first of two levels that part what rises above the noise in three (multi-Otsu), never below the noise."""
     from skimage.filters import threshold_multiotsu
 
     floor = by_noise(deviation_mm, noise_mm, settings)
-    raised = deviation_mm[deviation_mm > floor / 2]
-    if np.unique(raised).size < 16:
+    raised = deviation_mm[np.nan_to_num(deviation_mm, nan=-np.inf) > floor / 2]
+    if np.unique(raised).size < MIN_LEVELS:
         return floor
-    return max(float(threshold_multiotsu(raised, classes=3)[0]), floor)
+    return np.maximum(float(threshold_multiotsu(raised, classes=3)[0]), floor)
 
 
-THRESHOLDS: dict[str, Callable[..., float]] = {"noise": by_noise, "otsu": by_otsu}
+THRESHOLDS: dict[str, Callable[..., Float[np.ndarray, "along"]]] = {"noise": by_noise, "otsu": by_otsu}
