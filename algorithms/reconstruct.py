@@ -101,7 +101,8 @@ def finish(state: State) -> Reconstruction:
     noise = noise_mm(wall, deviation)
     sizing = state.method.sizing
     threshold = THRESHOLDS[sizing.threshold.rule](deviation, noise, sizing.threshold)
-    defects = measure_defects(wall, deviation, threshold, noise, state.pipe, sizing)
+    steepest = float(state.rig.projector.slit_half_angles_rad[-1])
+    defects = measure_defects(wall, deviation, threshold, noise, state.pipe, steepest, sizing)
     return Reconstruction(trajectory(state.results), wall, deviation, noise, threshold, defects)
 
 

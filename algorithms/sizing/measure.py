@@ -15,6 +15,7 @@ from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
 DEEPEST_PERCENTILE = 95.0  # of a defect's smoothed cells: largest, but not one cell's luck
+GAP_CELLS = 2  # more unseen cells than this between wall and floor are a shadow
 EDGE_QUANTILE = 0.1  # an edge lies where this share of the lines begins; its outermost lines may be stray
 
 
@@ -55,13 +56,14 @@ def measure_defects(
     threshold_mm: Float[np.ndarray, "along"],
     noise_mm: Float[np.ndarray, "along"],
     pipe: NominalPipe,
+    steepest_light_rad: float,
     settings: SizingSettings,
 ) -> tuple[Defect, ...]:
-    """Every defect deeper than the threshold, in order of distance."""
+    """Every defect deeper than the threshold, in order of distance; `steepest_light_rad` is the widest half angle."""
     labels = segment(deviation_mm > threshold_mm, wall, pipe.inner_radius_mm, settings.join_mm)
     found = []
     for label in np.unique(labels[labels > 0]):
-        defect = measure_one(wall, deviation_mm, labels == label, noise_mm, pipe)
+        defect = measure_one(wall, deviation_mm, labels == label, noise_mm, pipe, steepest_light_rad)
         big = defect.length_mm >= settings.min_length_mm and defect.width_mm >= settings.min_width_mm
         if big and defect.seen_cells >= settings.min_cells:
             found.append(defect)
@@ -74,6 +76,7 @@ def measure_one(
     cells: Bool[np.ndarray, "around along"],
     noise_mm: Float[np.ndarray, "along"],
     pipe: NominalPipe,
+    steepest_light_rad: float,
 ) -> Defect:
     """Size one defect: depth over the background, then both extents at half of that depth."""
     # the wall is rolled so that the defect's middle is the map's, and it never crosses the seam
@@ -87,8 +90,9 @@ def measure_one(
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     cell_z, cell_arc = _cell_z(wall), _cell_arc(wall, pipe.inner_radius_mm)
 
-    axial = _extent([_line(deviation[c], floor[c], depth / 2, rim_casts_shadow=True) for c in columns], cell_z)
-    arc = _extent([_line(deviation[:, r], floor[:, r], depth / 2, rim_casts_shadow=False) for r in rows], cell_arc)
+    shadow_cells_per_mm = 1 / (np.tan(steepest_light_rad) * cell_z)
+    axial = _extent([_line(deviation[c], floor[c], depth / 2, shadow_cells_per_mm) for c in columns], cell_z)
+    arc = _extent([_line(deviation[:, r], floor[:, r], depth / 2) for r in rows], cell_arc)
     half_turn = 2 * np.pi / wall.theta_rad.size
     theta = wall.theta_rad[0] + ((arc.start_mm + arc.end_mm) / 2 / cell_arc - turn) * half_turn
     box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
@@ -110,25 +114,40 @@ def measure_one(
     )
 
 
-def _line(deviation: np.ndarray, floor: np.ndarray, level: float, rim_casts_shadow: bool) -> tuple[float, float]:
-    """Where one line of the map rises above a level and falls below it again, in cells, between cells; NaN if unseen."""
+def _line(
+    deviation: np.ndarray, floor: np.ndarray, level: float, shadow_cells_per_mm: float = 0.0
+) -> tuple[float, float]:
+    """Where one line of the map rises above a level and falls below it again, in cells; NaN if its wall is unseen.
+
+    With a shadow, the line runs along the pipe and light comes from its beginning.
+    """
     deep = np.flatnonzero(floor)
     seen = np.flatnonzero(np.isfinite(deviation))
     before, after = seen[seen < deep[0]], seen[seen > deep[-1]]
     if before.size == 0 or after.size == 0:
         return np.nan, np.nan
-    start = _crossing(deviation, int(before[-1]), int(deep[0]), level, rim_casts_shadow)
-    return start, _crossing(deviation, int(after[0]), int(deep[-1]), level, rim_casts_shadow=False)
+    wall, first = int(before[-1]), int(deep[0])
+    shadow = deviation[first] * shadow_cells_per_mm
+    if shadow > 0 and first - wall > GAP_CELLS:
+        start = _rim(wall, first, shadow)
+    else:
+        start = _crossing(deviation, wall, first, level)
+    return start, _crossing(deviation, int(after[0]), int(deep[-1]), level)
 
 
-def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float, rim_casts_shadow: bool) -> float:
-    """Place between a wall cell and a deep one at which the level is crossed.
+def _rim(wall: int, first_deep: int, shadow: float) -> float:
+    """The rim of a defect whose floor begins in shadow, in cells.
 
-    Light comes from behind: the near rim hides the first part of the floor, so where cells between rim and floor were
-    not seen the edge is at the rim itself.
+    The rim lies behind the last wall that was seen, and one shadow's length before the first floor that was. A slit
+    is seen only where the bands on both its sides are, which takes the same margin from either estimate, in opposite
+    directions: their mean is the rim.
     """
-    if rim_casts_shadow and abs(deep - outside) > 2:
-        return outside + 0.5
+    behind, before = wall + 0.5, first_deep - 0.5 - shadow
+    return 0.5 * (behind + min(max(before, behind), first_deep - 0.5))
+
+
+def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float) -> float:
+    """Place between a wall cell and a deep one at which the level is crossed, on a straight line between them."""
     low, high = deviation[outside], deviation[deep]
     share = np.clip((level - low) / (high - low), 0.0, 1.0) if high > low else 0.5
     return outside + share * (deep - outside)

@@ -1,0 +1,216 @@
+"""The cylinder fit: exact on exact data, at the noise's limit under noise, blind to defects, honest about failure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from algorithms.registration import REGISTRATIONS
+from algorithms.registration.cylinder import CylinderSettings, fit_cylinder, refine
+from algorithms.registration.fusion import covariance, fuse
+from algorithms.triangulate import triangulate
+from algorithms.types import Alignment, RingPoints
+from sensor_model.geometry import twist_about_z_rad
+from sensor_model.points import PointNoise, see_slits
+from sensor_model.recording import NominalPipe
+from sensor_model.rig import Rig
+from twin.pipe import Pipe
+
+NOMINAL = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
+POCKET = {"kind": "pocket", "clock_deg": 120, "length_mm": 70, "width_mm": 35, "depth_mm": 7.5}
+
+
+def _scene(noise_px=0.25, x=4.0, y=-3.0, tilt=(2.0, -1.5), roll=0.4, drop=0.0, seed=0, radius=76.2):
+    pipe = Pipe(inner_radius_mm=radius, wall_thickness_mm=7.5, features=[{**POCKET, "distance_mm": 120}])
+    T = np.eye(4)
+    T[:3, :3] = (Rotation.from_rotvec([0, 0, roll]) * Rotation.from_euler("xy", tilt, degrees=True)).as_matrix()
+    T[:3, 3] = x, y, 5.0
+    noise = PointNoise(pixel_noise_px=noise_px, drop_out_share=drop)
+    return T, triangulate(see_slits(pipe, T, Rig(), noise, np.random.default_rng(seed)), Rig())
+
+
+def _prior(T):
+    prior = np.eye(4)
+    prior[:3, :3] = Rotation.from_rotvec([0, 0, float(twist_about_z_rad(T[:3, :3]))]).as_matrix()
+    prior[2, 3] = T[2, 3]
+    return Alignment(prior, np.diag([0, 0, 400.0, 0, 0, 3e4]))
+
+
+def _error(a, T):
+    tilt = np.degrees(np.arccos(np.clip(a.T_pipe_camera[2, :3] @ T[2, :3], -1, 1)))
+    return np.linalg.norm(a.T_pipe_camera[:2, 3] - T[:2, 3]), tilt
+
+
+@pytest.fixture(params=sorted(REGISTRATIONS))
+def align(request):
+    settings, verb = REGISTRATIONS[request.param]
+    return lambda points, prior, **changes: verb(points, NOMINAL, prior, settings(**changes))
+
+
+def test_exact_points_give_the_exact_pose_past_a_deep_defect(align):
+    T, points = _scene(noise_px=0)
+    found = align(points, _prior(T))
+    assert found.converged
+    center, tilt = _error(found, T)
+    assert center < 1e-3  # the prior's roll is the twist of a tilted pose: its centre turns with it
+    assert tilt < 1e-3
+    assert found.radius_mm == pytest.approx(76.2, abs=1e-6)
+
+
+def test_noise_is_averaged_as_the_information_says(align):
+    errors, information = [], None
+    for seed in range(12):
+        T, points = _scene(seed=seed)
+        found = align(points, _prior(T))
+        errors.append(found.T_pipe_camera[:2, 3] - T[:2, 3])
+        # off centre, roll and centre are known only together; here the prior's roll is exact
+        exact = Alignment(found.T_pipe_camera, np.diag([0, 0, 1.0, 0, 0, 1e12]))
+        information = fuse(exact, found).information
+    sigma = np.sqrt(np.diag(covariance(information))[:2])
+    ratio = np.std(errors, axis=0) / sigma
+    assert (ratio > 0.5).all()
+    assert (ratio < 1.7).all()
+
+
+def test_moving_the_camera_moves_the_answer(align):
+    for move in ({"x": -8.0, "y": 6.0}, {"tilt": (-6.0, 7.0)}, {"roll": -2.5}):
+        T, points = _scene(noise_px=0.1, **move)
+        center, tilt = _error(align(points, _prior(T)), T)
+        assert center < 0.05
+        assert tilt < 0.03
+
+
+def test_travel_and_roll_are_left_to_the_prior(align):
+    T, points = _scene()
+    found = align(points, _prior(T))
+    values = np.linalg.eigvalsh(found.information / np.outer([1, 1, 1, 100, 100, 100], [1, 1, 1, 100, 100, 100]))
+    assert (np.abs(values[:2]) < 1e-9 * values[-1]).all()
+    assert values[2] > 1
+    assert found.T_pipe_camera[2, 3] == T[2, 3]
+
+
+def test_inliers_leave_the_defect_out(align):
+    T, points = _scene(noise_px=0.1)
+    found = align(points, _prior(T))
+    wall = points.xyz_mm @ T[:3, :3].T + T[:3, 3]
+    deep = np.hypot(wall[:, 0], wall[:, 1]) > 80
+    assert deep.sum() > 50
+    assert not found.inliers[deep].any()
+    assert found.inliers[~deep].mean() > 0.95
+
+
+def test_the_inlier_threshold_follows_the_noise(align):
+    for noise in (0.02, 0.2, 1.5):
+        T, points = _scene(noise_px=noise)
+        share = align(points, _prior(T)).inliers.mean()
+        assert 0.85 < share < 0.999
+
+
+def test_a_held_radius_is_held():
+    T, points = _scene(noise_px=0.1)
+    settings, verb = REGISTRATIONS["cylinder"]
+    found = verb(points, NOMINAL, _prior(T), settings(radius="held"))
+    assert found.radius_mm == 76.2
+    assert _error(found, T)[0] < 0.05
+
+
+def test_another_radius_is_found_free_of_the_nominal_one(align):
+    T, points = _scene(noise_px=0.1, radius=77.5)
+    found = align(points, _prior(T))
+    assert found.radius_mm == pytest.approx(77.5, abs=0.02)
+
+
+def test_order_of_points_does_not_matter_much(align):
+    T, points = _scene()
+    order = np.random.default_rng(0).permutation(points.sigma_mm.size)
+    parts = (points.xyz_mm, points.ring, points.pixel, points.direction, points.sigma_mm)
+    shuffled = RingPoints(*(part[order] for part in parts))
+    a, b = align(points, _prior(T)), align(shuffled, _prior(T))
+    assert np.allclose(a.T_pipe_camera, b.T_pipe_camera, atol=2e-3)
+
+
+def _bad(kind):
+    _, points = _scene()
+    n, rng = points.sigma_mm.size, np.random.default_rng(0)
+    xyz = points.xyz_mm.copy()
+    if kind == "empty":
+        n = 0
+    elif kind == "two":
+        n = 2
+    elif kind == "nan":
+        xyz[7] = np.nan
+    elif kind == "line":
+        xyz = np.outer(np.linspace(0, 100, n), [0, 0, 1.0])
+    elif kind == "plane":
+        xyz[:, 0] = 50.0
+    elif kind == "outliers":
+        xyz = rng.uniform(-150, 150, size=(n, 3))
+    return RingPoints(xyz[:n], points.ring[:n], points.pixel[:n], points.direction[:n], points.sigma_mm[:n])
+
+
+@pytest.mark.parametrize("kind", ["empty", "two", "nan", "line", "plane", "outliers"])
+def test_what_cannot_be_fitted_fails_with_a_reason(align, kind):
+    T, _ = _scene()
+    found = align(_bad(kind), _prior(T))
+    assert not found.converged
+    assert found.reason
+    assert not found.information.any()
+    assert not found.inliers.any()
+
+
+def test_refinement_agrees_with_scipy():
+    rng = np.random.default_rng(3)
+    theta, z = rng.uniform(0, 5, 400), rng.uniform(-60, 60, 400)
+    xyz = np.stack([76 * np.sin(theta), -76 * np.cos(theta), z], axis=1) + rng.normal(size=(400, 3)) * 0.2
+    xyz = Rotation.from_euler("xy", [3, -2], degrees=True).apply(xyz) + [3, 2, 100]
+    start, z_mid = np.array([0, 0, 0, 0, 70.0]), 100.0
+
+    def residual(p):
+        axis = np.array([p[2], p[3], 1.0]) / np.sqrt(1 + p[2] ** 2 + p[3] ** 2)
+        return np.linalg.norm(np.cross(xyz - [p[0], p[1], z_mid], axis), axis=1) - p[4]
+
+    ours = refine(xyz, np.ones(400), start, z_mid, False, np.inf)
+    theirs = least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    assert ours.converged
+    assert np.allclose(ours.center_mm[:2], theirs[:2], atol=1e-7)
+    assert np.allclose(ours.axis[:2] / ours.axis[2], theirs[2:4], atol=1e-9)
+    assert ours.radius_mm == pytest.approx(theirs[4], abs=1e-8)
+
+
+def test_reference_cylinders_of_the_ptb(shared):
+    sets = sorted((shared / "reference" / "cylinder").glob("*.asc"))
+    assert sets
+    for file in sets:
+        answer = np.loadtxt(file.with_suffix("").with_suffix(".answer.txt"))
+        found = fit_cylinder(np.loadtxt(file))
+        direction = answer[3:6] / np.linalg.norm(answer[3:6])
+        off = found.center_mm - answer[:3]
+        assert np.linalg.norm(off - direction * (off @ direction)) < 1e-4, file.name  # 0.1 um
+        assert np.linalg.norm(np.cross(found.axis, direction)) < 1e-7, file.name  # 0.1 urad
+        assert abs(found.radius_mm - answer[6]) < 1e-4, file.name
+
+
+def test_too_few_points_are_no_cylinder():
+    with pytest.raises(ValueError, match="no cylinder"):
+        fit_cylinder(np.outer(np.arange(12.0), [1.0, 0.0, 0.0]))
+
+
+def test_fusing_adds_information_and_weighs_by_it():
+    T = np.eye(4)
+    moved = T.copy()
+    moved[0, 3] = 1.0
+    prior = Alignment(moved, np.diag([3.0, 0, 4.0, 0, 0, 9.0]))
+    measured = Alignment(T, np.diag([1.0, 2.0, 0, 1e4, 1e4, 0]))
+    both = fuse(prior, measured)
+    assert both.T_pipe_camera[0, 3] == pytest.approx(0.75)
+    assert np.allclose(both.information, prior.information + measured.information)
+    variances = np.diag(covariance(measured.information))
+    assert variances[1] == pytest.approx(0.5)
+    assert np.isinf(variances[[2, 5]]).all()
+
+
+def test_settings_refuse_what_makes_no_sense():
+    with pytest.raises(ValueError, match="min_inlier_share"):
+        CylinderSettings(min_inlier_share=2)
