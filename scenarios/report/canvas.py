@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 DPI = 160
 WIDTH_IN = 10.0
 COLORS = 256
-JPEG_QUALITY = 84
+JPEG_QUALITY = 76
 # Okabe and Ito's colours, which colour-blind readers can tell apart
 BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = (
     "#222222",
@@ -30,7 +30,7 @@ BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = (
     "#cc79a7",
 )
 SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-UNSEEN, HATCH = "#e9e9e9", "#c2c2c2"
+UNSEEN, HATCH = "#e2e2e2", "#bdbdbd"
 STYLE = {
     "font.size": 10,
     "font.family": "DejaVu Sans",
@@ -71,23 +71,23 @@ class Picture(NamedTuple):
 def drawing(height_in: float, width_in: float = WIDTH_IN) -> Iterator[Figure]:
     """An empty figure in the report's style, whatever style the machine has."""
     import matplotlib.style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     with matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
+        yield Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
-def to_picture(figure: Figure, alt: str, caption: str) -> Picture:
-    """The figure as a PNG of few colours, without date or version."""
+def to_picture(figure: Figure, alt: str, caption: str, shaded: bool = False) -> Picture:
+    """The figure as a PNG of few colours, or a JPEG where it is shaded; without date or version."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    raw = BytesIO()
-    figure.savefig(raw, format="png", dpi=DPI, metadata={"Software": None})
-    with Image.open(raw) as image:
-        small = image.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    rgb = np.array(canvas.buffer_rgba())[:, :, :3]
+    if shaded:
+        return photograph(rgb, alt, caption)
+    small = Image.fromarray(rgb).quantize(COLORS, dither=Image.Dither.NONE)
     file = BytesIO()
     small.save(file, format="PNG", optimize=True)
     return Picture(file.getvalue(), "png", *small.size, alt, caption)

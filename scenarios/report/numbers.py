@@ -22,26 +22,26 @@ def signed(value: float | None, decimals: int) -> str:
     return text[1:] if float(text) == 0 else _minus(text)
 
 
-def figure(value: float | int | None) -> str:
-    """A number with three figures, small ones in full while that can be read."""
+def figure(value: float | int | None, figures: int = 3) -> str:
+    """A number with so many figures, small ones in full while that can be read."""
     if value is None or not isfinite(value):
         return NONE
     if isinstance(value, int):
         return str(value)
     if value != 0 and abs(value) < 1e-4:
         return _minus(f"{value:.1e}")
-    digits = f"{value:.3g}"
+    digits = f"{value:.{figures}g}"
     return _minus(f"{value:.0f}" if "e" in digits else digits)
 
 
-def score_figure(name: str, value: float | int | None) -> str:
+def score_figure(name: str, value: float | int | None, figures: int = 3) -> str:
     """A figure of the score with its unit, which its name states; shares in per cent."""
     if value is None or not isfinite(value):
         return NONE
     if name in SHARES:
-        return f"{figure(100.0 * value)} %"
+        return f"{figure(100.0 * value, figures)} %"
     unit = next((UNITS[part] for part in name.split("_") if part in UNITS), "")
-    return figure(value) + ("" if unit in ("", "°") else " ") + unit
+    return figure(value, figures) + ("" if unit in ("", "°") else " ") + unit
 
 
 def _minus(text: str) -> str:

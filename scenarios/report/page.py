@@ -9,7 +9,7 @@ from scenarios.report.canvas import Picture
 from scenarios.report.comparison import Row, rows
 from scenarios.report.numbers import score_figure
 from scenarios.report.path_figures import errors_over_distance, true_path, yield_over_distance
-from scenarios.report.photographs import sample_picture
+from scenarios.report.photographs import sample_pictures
 from scenarios.report.statements import not_seen, oracle, scanned, verdict
 from scenarios.report.tables import defect_table, facts, score_tables, settings_table, slit_table
 from scenarios.report.wall_figures import pipe_in_space, profiles, wall_map
@@ -46,14 +46,14 @@ def write_report(run: Run, file: Path) -> None:
         f'<section id="{key}"><h2>{title}</h2>{inside}</section>\n' for key, (title, inside) in sections.items()
     )
     links = "".join(f'<a href="#{key}">{title}</a> ' for key, (title, _) in sections.items())
-    file.write_text(_page(run, every, f"<nav aria-label='On this page'>{links}</nav>", body), encoding="utf-8")
+    file.write_text(_page(run, f"<nav aria-label='On this page'>{links}</nav>", body), encoding="utf-8")
 
 
-def _page(run: Run, every: list[Row], links: str, body: str) -> str:
+def _page(run: Run, links: str, body: str) -> str:
     name, score = escape(run.scenario.name), run.score
     clean = score.defects_found == score.defects_true and score.false_calls == 0
     tiles = "".join(
-        f"<li><b>{escape(score_figure(key, getattr(score, key)))}</b><span>{escape(words)}</span></li>"
+        f"<li><b>{escape(score_figure(key, getattr(score, key), 2))}</b><span>{escape(words)}</span></li>"
         for key, words in TILES.items()
     )
     return f"""<!doctype html>
@@ -70,22 +70,23 @@ def _page(run: Run, every: list[Row], links: str, body: str) -> str:
 <header>
 <h1>Pipe scan report: {name}</h1>
 <p class="lead">{escape(run.scenario.why)}</p>
-<p class="verdict {"clean" if clean else "faulty"}">{escape(verdict(run, every))}</p>
+<p class="verdict {"clean" if clean else "faulty"}">{escape(verdict(run))}</p>
 <ul class="tiles">{tiles}</ul>
 {links}
 </header>
 <main>
 <section id="scan"><h2>What was scanned</h2>{facts(scanned(run))}</section>
 {body}</main>
-<footer>A simulated scan: the measurement never saw the truth it is compared with here. Lengths in millimetres, angles in
-degrees, clock positions in h:mm.</footer>
+<footer>A simulated scan: the measurement never saw the truth it is compared with here. Lengths in millimetres, angles
+in degrees, clock positions in h:mm.</footer>
 </body>
 </html>
 """
 
 
 def _figure(picture: Picture, scrolls: bool = True) -> str:
-    image = f'<img src="{picture.source}" width="{picture.width_px}" height="{picture.height_px}" alt="{escape(picture.alt)}">'
+    size = f'width="{picture.width_px}" height="{picture.height_px}"'
+    image = f'<img src="{picture.source}" {size} alt="{escape(picture.alt)}">'
     inside = f'<div class="scroll" tabindex="0">{image}</div>' if scrolls else image
     return f"<figure>{inside}<figcaption>{escape(picture.caption)}</figcaption></figure>"
 
@@ -103,13 +104,13 @@ def _profiles(run: Run, every: list[Row]) -> str:
 
 
 def _frames(run: Run) -> str:
-    pictures = [sample_picture(run, sample) for sample in run.samples]
-    shown = "".join(_figure(picture, scrolls=False) for picture in pictures if picture is not None)
+    pictures = [picture for sample in run.samples for picture in sample_pictures(run, sample)]
+    shown = "".join(_figure(picture, scrolls=False) for picture in pictures)
     words = (
         "<p>Decoded slit centres laid over the camera's pictures; neighbouring slits have unlike colours.</p>"
         f'<div class="photographs">{shown}</div>'
         if shown
-        else "<p>No pictures to show: at this fidelity slit pixels come straight from the wall, and no picture is taken.</p>"
+        else "<p>No pictures to show: at this fidelity slit pixels come straight from the wall, without a picture.</p>"
     )
     return words + _figure(yield_over_distance(run)) + slit_table(run)
 

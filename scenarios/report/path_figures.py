@@ -38,15 +38,16 @@ def errors_over_distance(run: Run) -> Picture:
         for axes, unit in ((center, "mm"), (tilt, "degrees"), (roll, "degrees"), (distance, "mm")):
             axes.set_ylabel(f"error ({unit})")
             axes.axhline(0, color=BLACK, linewidth=0.7)
-            axes.legend(loc="best", ncols=2)
+            _at_least(axes, 0.04)
+            _key(axes)
         distance.set_xlabel(DISTANCE)
         return to_picture(
             figure,
             f"Four plots of pose error over distance: centre {score.center_rms_mm:.3g} mm RMS, tilt "
             f"{score.tilt_rms_deg:.3g} degrees RMS, roll {score.roll_rms_deg:.3g} degrees RMS, distance "
             f"{score.distance_error_pct:.3g} % of travel.",
-            "Measured less true pose of every registered frame. Bands: twice the standard deviation that the measurement "
-            "states of itself, about zero.",
+            "Measured less true pose of every registered frame. Bands: twice the standard deviation that the "
+            "measurement states of itself, about zero.",
         )
 
 
@@ -54,6 +55,19 @@ def _series(axes: Axes, x: np.ndarray, y: np.ndarray, color: str, words: str, st
     axes.plot(x, y, color=color, label=words)
     if std is not None and np.isfinite(std).all():
         axes.fill_between(x, -2 * std, 2 * std, color=color, alpha=0.13, linewidth=0)
+
+
+def _key(axes: Axes) -> None:
+    """Legend beside the title, clear of the curves."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, borderaxespad=0.1)
+
+
+def _at_least(axes: Axes, span: float) -> None:
+    """Widen the vertical axis to a span that matters, so that nothing looks large for being magnified."""
+    low, high = axes.get_ylim()
+    if high - low < span:
+        middle = (low + high) / 2
+        axes.set_ylim(middle - span / 2, middle + span / 2)
 
 
 def true_path(run: Run) -> Picture:
@@ -75,19 +89,21 @@ def true_path(run: Run) -> Picture:
             axes.set_ylabel(label)
             for k, word in enumerate(words):
                 axes.plot(z, values[:, k], color=SERIES[k], label=word)
-        offset.legend(loc="best", ncols=2)
-        tilt.legend(loc="best", ncols=2)
+        _key(offset)
+        _key(tilt)
         slipped = slipped_mm(run)
         slip.set_title("Wheel slip: rolled less travelled distance")
         slip.set_ylabel("slip so far (mm)")
         for k, wheel in enumerate(slipped.T):
             slip.plot(z, wheel[every], color=SERIES[k % len(SERIES)], label=f"encoder wheel {k + 1}")
-        slip.legend(loc="best", ncols=3)
+        _key(slip)
+        for axes, span in ((offset, 1.0), (tilt, 0.5), (roll, 1.0), (slip, 0.5)):
+            _at_least(axes, span)
         slip.set_xlabel(DISTANCE)
         return to_picture(
             figure,
-            f"Four plots of the true path over distance from {z.min():.0f} to {z.max():.0f} mm: offset, tilt, roll and the "
-            "slip of each encoder wheel.",
+            f"Four plots of the true path over distance from {z.min():.0f} to {z.max():.0f} mm: offset, tilt, roll and "
+            "the slip of each encoder wheel.",
             "The true path of the camera, which the measurement never sees."
             + (" A prescribed path has no wheel slip." if not np.any(truth.slip_mm_s) else ""),
         )
@@ -108,7 +124,7 @@ def yield_over_distance(run: Run) -> Picture:
         axes.plot(z, share, color=BLUE, label="frame")
         if lost.any():
             axes.plot(z[lost], share[lost], "x", color=VERMILION, label=f"not registered ({int(lost.sum())})")
-            axes.legend(loc="best")
+            _key(axes)
         axes.set_ylim(0, 105)
         axes.set_title("Slit pixels found in each frame")
         axes.set_ylabel("of all slits and azimuths (%)")

@@ -8,17 +8,19 @@ from math import radians
 
 import numpy as np
 
-from scenarios.report.comparison import Row
 from scenarios.report.numbers import figure, signed
 from scenarios.report.wall_figures import stretches
 from scenarios.run import Run
 from sensor_model.geometry import clock_position
 
-PAPER = "IMU-assisted robotic structured light sensing with featureless registration under uncertainties for pipeline inspection"
+PAPER = (
+    "IMU-assisted robotic structured light sensing with featureless registration under uncertainties for pipeline "
+    "inspection"
+)
 NEVER_SEEN_SHARE = 0.02  # a clock position seen along less of the scan than this counts as never seen
 
 
-def verdict(run: Run, rows: list[Row]) -> str:
+def verdict(run: Run) -> str:
     """The outcome in one line."""
     score = run.score
     calls = "no false call" if score.false_calls == 0 else _count(score.false_calls, "false call")
@@ -28,7 +30,7 @@ def verdict(run: Run, rows: list[Row]) -> str:
     if score.defects_found == 0:
         return found
     worst = [
-        f"{word} {figure(value)} mm"
+        f"{word} {figure(value, 2)} mm"
         for word, value in (
             ("length", score.length_error_mm_max),
             ("width", score.width_error_mm_max),
@@ -121,8 +123,8 @@ def not_seen(run: Run) -> list[str]:
     if z.size:
         said.append(
             f"{100 * (1 - score.seen_share):.1f} % of the wall scanned between {z[0]:.0f} and {z[-1]:.0f} mm held no "
-            "point. It is drawn hatched grey, never filled in, and counts in no figure. The pipe outside these ends was "
-            "not scanned."
+            "point. It is drawn hatched grey, never filled in, and counts in no figure. The pipe outside these ends "
+            "was not scanned."
         )
     strut = clock_position(radians(projector.strut_clock_deg))
     hidden = never_seen(run)
@@ -132,8 +134,8 @@ def not_seen(run: Run) -> list[str]:
         else "no clock position was hidden all the way (the sensor turned)"
     )
     said.append(
-        f"Strut: it hides {projector.strut_width_deg:g}° of the circumference, at {strut} of the sensor; {where}. A defect "
-        "there would not be found."
+        f"Strut: it hides {projector.strut_width_deg:g}° of the circumference, at {strut} of the sensor; {where}. A "
+        "defect there would not be found."
     )
     floor = (
         ""
@@ -153,7 +155,8 @@ def not_seen(run: Run) -> list[str]:
     if lost:
         reasons = "; ".join(f"{count} x {reason}" for reason, count in sorted(lost.items()))
         said.append(
-            f"{_count(sum(lost.values()), 'frame')} of {len(path.reason)} not registered, whose points are left out: {reasons}."
+            f"{_count(sum(lost.values()), 'frame')} of {len(path.reason)} not registered, whose points are left out: "
+            f"{reasons}."
         )
     if not run.truth.pipe.backed:
         said.append("The wall has no backing: a place that takes the whole wall returns no light and is not seen.")
@@ -185,14 +188,15 @@ def oracle(run: Run) -> str:
     """What the oracle figure is, and the gap between it and the blind one."""
     score = run.score
     said = (
-        "Eq. 29 as the paper uses it chooses the threshold with the TRUE size in hand. That is an oracle: it cannot run in "
-        "the field, where the size is what is sought. It stands here as a labelled reference; every size in this "
-        "report is measured blind."
+        "Eq. 29 as the paper uses it chooses the threshold with the TRUE size in hand. That is an oracle: it cannot "
+        "run in the field, where the size is what is sought. It stands here as a labelled reference; every size in "
+        "this report is measured blind."
     )
     blind, known = score.eq29_err_pct_max, score.eq29_oracle_err_pct_max
     if blind is None or known is None:
         return f"{said} Without a found defect there is neither figure."
-    gap = f"{said} Worst defect: blind {figure(blind)} %, oracle {figure(known)} % (gap {signed(blind - known, 2)} points)."
+    gap = f"{said} Worst defect: blind {figure(blind)} %, oracle {figure(known)} %"
+    gap += f" (gap {signed(blind - known, 2)} points)."
     if blind < known:
-        gap += " Blind comes out better here since it sizes each defect at half its own depth, between cells, not by one threshold."
+        gap += " Blind is better here: it sizes each defect at half its own depth, not by one for all."
     return gap

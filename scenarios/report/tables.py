@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from html import escape
-from math import isfinite
+from math import isfinite, radians
 
 from scenarios.report.comparison import Quantity, Row, quantities
 from scenarios.report.numbers import NONE, fixed, score_figure, signed
@@ -14,8 +14,8 @@ from sensor_model.geometry import clock_position
 
 GROUPS = {
     "Defects found and sized (blind)": (
-        "defects_true defects_found false_calls length_error_mm_max width_error_mm_max depth_error_mm_max depth_bias_mm "
-        "not_seen_share clock_spread_deg"
+        "defects_true defects_found false_calls length_error_mm_max width_error_mm_max depth_error_mm_max "
+        "depth_bias_mm not_seen_share clock_spread_deg"
     ),
     "The paper's figures of size": "eq29_err_pct_max eq29_oracle_err_pct_max eq30_error_pct_max eq32_quality_pct",
     "Pose against the truth": "center_rms_mm tilt_rms_deg roll_rms_deg roll_max_deg distance_error_pct",
@@ -25,12 +25,12 @@ GROUPS = {
     "Frames and wall map": "frames frames_registered decode_yield wrong_words map_rms_mm seen_share",
 }
 NOTES = {
-    "The paper's figures of size": "Eq. 30 divides the norm of three relative errors by three, so it flatters; the errors in mm "
-    "above are the plain ones.",
-    "The paper's figures of registration": "With rings on cones these cannot rank methods by themselves: a defect pulls the "
-    "fitted circle and plane even at the true pose. Read them beside the errors against the truth.",
+    "The paper's figures of size": "Eq. 30 divides the norm of three relative errors by three, so it flatters; "
+    "the errors in mm are the plain ones.",
+    "The paper's figures of registration": "With rings on cones these cannot rank methods by themselves: a defect "
+    "pulls the fitted circle and plane even at the true pose. Read them beside the errors against the truth.",
 }
-UNITS = {"distance": "mm", "length": "mm", "width": "mm", "depth": "mm", "wall loss": "%"}
+UNITS = {"distance": "mm", "clock": "h:mm", "length": "mm", "width": "mm", "depth": "mm", "wall loss": "%"}
 DECIMALS = {"distance": 1, "length": 1, "width": 1, "depth": 2, "wall loss": 1}
 NO_CLOCK_SPREAD = "fewer than two found defects share a clock position"
 
@@ -39,16 +39,11 @@ def defect_table(run: Run, rows: list[Row]) -> str:
     """Every defect measured beside true; misses and false calls are rows of their own."""
     if not rows:
         return "<p>No defect in the pipe, and none called.</p>"
-    heads = [
-        f"{name} ({UNITS[name]})" if name in UNITS else f"{name} (h:mm)"
-        for name in ("distance", "clock", *UNITS)
-        if name
-    ]
-    heads = list(dict.fromkeys(heads))
+    heads = [f"{name} ({unit})" for name, unit in UNITS.items()]
     head = "".join(f'<th scope="col">{escape(text.capitalize())}</th>' for text in ["defect", "", *heads, "remarks"])
     return (
-        '<div class="scroll" tabindex="0"><table class="defects"><caption>± is one standard deviation as the measurement '
-        "states it; error is measured less true.</caption>"
+        '<div class="scroll" tabindex="0"><table class="defects"><caption>± is one standard deviation as the '
+        "measurement states it; error is measured less true.</caption>"
         f"<thead><tr>{head}</tr></thead>{''.join(_defect(run, row) for row in rows)}</table></div>"
     )
 
@@ -62,7 +57,7 @@ def _defect(run: Run, row: Row) -> str:
         lines.append(("true", [_true(q) for q in every]))
     if row.defect is not None and row.feature is not None:
         lines.append(("error", [_error(q) for q in every]))
-    kind = row.feature.kind if row.feature is not None else ""
+    kind = str(row.feature.model_dump()["kind"]) if row.feature is not None else ""
     label = (
         f'<th scope="rowgroup" rowspan="{len(lines)}"><span class="number">{row.number}</span> {escape(kind)}'
         f'<br><span class="tag {row.kind.replace(" ", "-")}">{escape(row.kind)}</span></th>'
@@ -91,8 +86,6 @@ def _error(q: Quantity) -> str:
 
 
 def _clock(degrees: float) -> str:
-    from math import radians
-
     return clock_position(radians(degrees)) if isfinite(degrees) else NONE
 
 
@@ -128,9 +121,8 @@ def score_tables(run: Run) -> str:
     for title, names in grouped.items():
         lines = "".join(_score_row(run, name) for name in names)
         note = f'<p class="note">{escape(NOTES[title])}</p>' if title in NOTES else ""
-        parts.append(
-            f'<div class="group"><h3>{escape(title)}</h3><table class="score"><tbody>{lines}</tbody></table>{note}</div>'
-        )
+        table = f'<table class="score"><tbody>{lines}</tbody></table>'
+        parts.append(f'<div class="group"><h3>{escape(title)}</h3>{table}{note}</div>')
     return f'<div class="groups">{"".join(parts)}</div>'
 
 
@@ -172,8 +164,9 @@ def slit_table(run: Run) -> str:
         cells = "".join(f"<td>{100 * int((s.seen.slit == k).sum()) / possible:.0f} %</td>" for s in run.samples)
         body += f'<tr><th scope="row">{escape(slit.name)}</th><td>{slit.half_angle_deg:g}°</td>{cells}</tr>'
     return (
-        '<div class="scroll" tabindex="0"><table class="slits"><caption>Azimuths of each slit found in the sample frames '
-        f"(of {possible}), innermost slit first.</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+        '<div class="scroll" tabindex="0"><table class="slits"><caption>Azimuths of each slit found in the sample '
+        f"frames (of {possible}), innermost slit first.</caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +22,7 @@ from scenarios.report.canvas import (
 )
 from scenarios.report.comparison import Row, true_size
 from scenarios.run import Run
-from sensor_model.geometry import clock_position, wall_direction, wrap_rad
+from sensor_model.geometry import clock_position, wrap_rad
 from twin.features.base import Feature
 from twin.pipe import Pipe
 
@@ -33,8 +33,11 @@ COLOR_MAP = "cividis"
 INWARD_MM = 1.0  # wall standing in by more than this is given colours of its own
 LEAST_RANGE_MM = 0.5
 MARGIN_MM = 18.0
+SHALLOW_SHARE = 0.2
 DEPTH_DRAWN = 2.0  # so many times in the view in space
 VIEW_STRIPES = 130, 420
+VIEW_RAD = np.radians([-28.0, 16.0])  # turned about the upright, and looked down upon
+LAMP = np.array([0.35, -0.80, 0.48])
 
 
 def undamaged(pipe: Pipe) -> Pipe:
@@ -92,9 +95,9 @@ def wall_map(run: Run, rows: list[Row]) -> Picture:
             f"Unrolled map of the wall from {ends[0]:.0f} to {ends[1]:.0f} mm, clock positions 12 to 12 from top to "
             f"bottom, coloured by depth up to {high:.1f} mm; {len(run.found.defects)} measured boxes over "
             f"{len(run.truth.pipe.features)} true outlines; hatched grey is not seen.",
-            "The wall unrolled, clock positions as seen looking downstream. Dashed: the true outline at half depth; solid "
-            f"box: as measured, numbered as in the table. Hatched grey: not seen ({unseen:.1f} % of the scanned wall), "
-            "never filled in.",
+            "The wall unrolled, clock positions as seen looking downstream. Dashed: the true outline at half depth; "
+            f"solid box: as measured, numbered as in the table. Hatched grey: not seen ({unseen:.1f} % of the scanned "
+            "wall), never filled in.",
         )
 
 
@@ -119,7 +122,15 @@ def _outline(axes: Axes, row: Row, run: Run) -> None:
     place = float(np.mod(label_deg - half_width_deg - 9, 360))
     words = f"{row.number}" if row.kind == "found" else f"{row.number} {row.kind}"
     box_style = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": BLACK, "linewidth": 0.8}
-    axes.text(label_z, place, words, ha="center", va="center", fontsize=9, bbox=box_style, clip_on=True)
+    left, right = axes.get_xlim()
+    side = (
+        "right"
+        if label_z > right - 0.08 * (right - left)
+        else "left"
+        if label_z < left + 0.08 * (right - left)
+        else "center"
+    )
+    axes.text(label_z, place, words, ha=side, va="center", fontsize=9, bbox=box_style, clip_on=True)
 
 
 def _true_outline(axes: Axes, feature: Feature, pipe: Pipe) -> None:
@@ -173,22 +184,24 @@ def profiles(run: Run, row: Row) -> Picture:
         _profile(axial, wall.z_mm, deviation[around], spread[around], fine_z, true_z)
         _profile(across, offset[order], deviation[order, along], spread[order, along], fine_arc, true_arc)
         _mark_box(axial, across, row, pipe.bore_radius_mm)
-        axial.set_title(f"Defect {row.number}: along the pipe at {clock_position(theta)}")
+        axial.set_title(f"Defect {row.number}: along the pipe at {row.clock}")
         axial.set_xlabel("distance along the pipe (mm)")
         across.set_title(f"Defect {row.number}: around the wall at {z:.0f} mm")
         across.set_xlabel("arc from its middle, clockwise (mm)")
         axial.set_ylabel("depth (mm)")
         for axes in (axial, across):
             axes.axhline(pipe.wall_mm, color=BLACK, linewidth=0.9, linestyle=(0, (1, 2)))
-        deepest = max(pipe.wall_mm, float(np.nanmax(np.r_[true_z, true_arc])), depth_range_mm(run)[1])
-        axial.set_ylim(deepest * 1.12, -0.12 * deepest)
-        across.legend(loc="upper center", bbox_to_anchor=(0.0, -0.18), ncols=5)
+        deepest = max(float(np.max(true_z)), row.defect.depth_mm if row.defect else 0.0, LEAST_RANGE_MM)
+        # a shallow one fills the plot; any other is shown against the full wall
+        deepest = 1.6 * deepest if deepest < SHALLOW_SHARE * pipe.wall_mm else max(deepest, pipe.wall_mm)
+        axial.set_ylim(deepest * 1.12, -0.2 * deepest)
+        figure.legend(*_legend(axial, across), loc="outside lower center", ncols=5)
         return to_picture(
             figure,
-            f"Depth profiles through defect {row.number} ({row.kind}) at {row.distance_mm:.0f} mm, {row.clock}: measured "
-            "points over the true wall, along and around the pipe; stretches that were not seen are hatched.",
-            f"Defect {row.number} ({row.kind}). Dots: cells of the wall map with the spread of their points; line: the true "
-            f"wall; dotted line: the full wall, {pipe.wall_mm:g} mm.",
+            f"Depth profiles through defect {row.number} ({row.kind}) at {row.distance_mm:.0f} mm, {row.clock}: "
+            "measured points over the true wall, along and around the pipe; stretches that were not seen are hatched.",
+            f"Defect {row.number} ({row.kind}). Dots: cells of the wall map with the spread of their points; line: the "
+            f"true wall; dotted line: the full wall, {pipe.wall_mm:g} mm.",
         )
 
 
@@ -208,8 +221,10 @@ def _profile(
     unseen = ~np.isfinite(depth)
     half = (x[1] - x[0]) / 2 if x.size > 1 else 0.5
     for k, (first, last) in enumerate(stretches(unseen)):
-        words = {"label": "not seen"} if k == 0 else {}
-        axes.axvspan(x[first] - half, x[last] + half, facecolor=UNSEEN, edgecolor=HATCH, hatch="////", lw=0, **words)
+        words = "not seen" if k == 0 else None
+        axes.axvspan(
+            x[first] - half, x[last] + half, facecolor=UNSEEN, edgecolor=HATCH, hatch="////", lw=0, label=words
+        )
     axes.plot(fine, true, color=BLACK, label="true wall")
     axes.errorbar(
         x,
@@ -225,6 +240,12 @@ def _profile(
     axes.set_xlim(float(fine[0]), float(fine[-1]))
 
 
+def _legend(*panels: Axes) -> tuple[list, list[str]]:
+    """Every mark of the panels once."""
+    marks = {words: mark for axes in panels for mark, words in zip(*axes.get_legend_handles_labels(), strict=True)}
+    return list(marks.values()), list(marks)
+
+
 def _mark_box(axial: Axes, across: Axes, row: Row, radius_mm: float) -> None:
     if row.defect is None:
         return
@@ -236,8 +257,8 @@ def _mark_box(axial: Axes, across: Axes, row: Row, radius_mm: float) -> None:
     )
     for axes, places in edges:
         for k, place in enumerate(places):
-            words = {"label": "measured edges, at half depth"} if k == 0 else {}
-            axes.axvline(place, color=VERMILION, linewidth=1.2, **words)
+            words = "measured edges, at half depth" if k == 0 else None
+            axes.axvline(place, color=VERMILION, linewidth=1.2, label=words)
 
 
 def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
@@ -247,34 +268,37 @@ def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
 
 
 def pipe_in_space(run: Run) -> Picture:
-    """The reconstructed wall cut open lengthwise and coloured by its deviation, seen from the side."""
+    """The reconstructed wall cut open lengthwise and coloured by its deviation, seen from the open side."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import Normalize
 
-    wall, radius = run.found.wall, run.truth.pipe.bore_radius_mm
     focus = _focus_rad(run.found.defects)
-    corners, depth = _half_pipe(wall, run.found.deviation_mm, focus, radius)
+    corners, depth = _half_pipe(run.found.wall, run.found.deviation_mm, focus, run.truth.pipe.bore_radius_mm)
+    flat, away = _seen_from_the_side(corners)
+    order = np.argsort(-away, kind="stable")
     low, high = depth_range_mm(run)
     scale = ScalarMappable(Normalize(low, high), COLOR_MAP)
-    with drawing(4.4) as figure:
+    colors = _lit(scale.to_rgba(depth)[:, :3], corners)[order]
+    wide, tall = np.ptp(flat.reshape(-1, 2), axis=0)
+    clock, ends = clock_position(focus), (corners[..., 0].min(), corners[..., 0].max())
+    with drawing(float(np.clip(8.6 * tall / wide + 0.9, 2.4, 7))) as figure:
         axes = figure.subplots()
-        colors = scale.to_rgba(depth)[:, :3] * _shade(corners)[:, None]
-        axes.add_collection(PolyCollection(list(corners), facecolors=colors, edgecolors=colors, linewidths=0.3))
+        cells: Any = flat[order]  # an array is taken whole, though the stubs ask for a list
+        axes.add_collection(PolyCollection(cells, facecolors=colors, edgecolors=colors, linewidths=0.3))
         axes.autoscale_view()
         axes.set_aspect("equal")
-        axes.grid(visible=False)
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
-        axes.set_xlabel("distance along the pipe (mm), foreshortened across")
-        axes.set_title(f"Reconstructed wall, cut open; looking at {clock_position(focus)} from inside")
+        axes.set_axis_off()
+        axes.set_title(f"Reconstructed wall from {ends[0]:.0f} mm (left) to {ends[1]:.0f} mm, cut open to show {clock}")
+        _scale_bar(axes, flat)
         figure.colorbar(scale, ax=axes, label="deviation (mm)", fraction=0.02, pad=0.01)
         return to_picture(
             figure,
-            f"The reconstructed pipe in space, its half around {clock_position(focus)} seen from inside and coloured by "
-            f"wall deviation up to {high:.1f} mm; holes are places that were not seen.",
-            f"The half of the wall around {clock_position(focus)}, seen from inside; depths drawn {DEPTH_DRAWN:g} times. "
-            "Open places were not seen.",
+            f"The reconstructed pipe in space, the half around {clock} seen from inside and coloured by wall deviation "
+            f"up to {high:.1f} mm; holes are places that were not seen.",
+            f"The half of the wall around {clock} seen from inside, depths drawn {DEPTH_DRAWN:g} times. Open places "
+            "were not seen.",
+            shaded=True,
         )
 
 
@@ -285,29 +309,44 @@ def _focus_rad(defects: tuple[Defect, ...]) -> float:
 
 def _half_pipe(
     wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], focus_rad: float, radius_mm: float
-) -> tuple[Float[np.ndarray, "n 4 2"], Float[np.ndarray, "n"]]:
-    """Quadrilaterals of the half wall around `focus_rad` in the plane of the paper, the farthest first, and their depths."""
+) -> tuple[Float[np.ndarray, "n 4 3"], Float[np.ndarray, "n"]]:
+    """The seen cells of the half wall around `focus_rad` as quadrilaterals (along, away, up), and their depths."""
     touched = np.flatnonzero(wall.seen.any(axis=0))
     columns = touched[0] + np.unique(np.linspace(0, np.ptp(touched), VIEW_STRIPES[1]).astype(int))
     turn = np.linspace(-np.pi / 2, np.pi / 2, VIEW_STRIPES[0])
     around = np.floor(np.mod(turn + focus_rad, 2 * np.pi) / (2 * np.pi) * wall.theta_rad.size).astype(int)
     depth = deviation_mm[np.ix_(around % wall.theta_rad.size, columns)]
     drawn = radius_mm + DEPTH_DRAWN * np.nan_to_num(depth)
-    # the focus lies straight ahead, its clockwise side up; a view from slightly above and behind shows the depth
-    away, up = drawn * np.cos(turn)[:, None], drawn * np.sin(turn)[:, None]
-    flat = np.stack([wall.z_mm[columns][None, :] + 0.35 * away, up + 0.25 * away], axis=-1)
-    quads = np.stack([flat[:-1, :-1], flat[1:, :-1], flat[1:, 1:], flat[:-1, 1:]], axis=2)
-    value = depth[:-1, :-1]
-    order = np.argsort(-away[:-1, :-1], axis=None, kind="stable")
-    whole = order[np.isfinite(value).ravel()[order]]
-    return quads.reshape(-1, 4, 2)[whole], value.ravel()[whole]
+    along = np.broadcast_to(wall.z_mm[columns], drawn.shape)
+    # the focus lies straight away from the reader; downstream to the right, so clockwise is downward
+    point = np.stack([along, drawn * np.cos(turn)[:, None], -drawn * np.sin(turn)[:, None]], axis=-1)
+    quads = np.stack([point[:-1, :-1], point[1:, :-1], point[1:, 1:], point[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+    corner = np.isfinite(depth)
+    whole = (corner[:-1, :-1] & corner[1:, :-1] & corner[1:, 1:] & corner[:-1, 1:]).ravel()
+    return quads[whole], depth[:-1, :-1].ravel()[whole]
 
 
-def _shade(corners: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray, "n"]:
-    """Brightness by how squarely a cell faces the reader, so that the shape shows."""
-    edge_z, edge_up = corners[:, 3] - corners[:, 0], corners[:, 1] - corners[:, 0]
-    area = np.abs(edge_z[:, 0] * edge_up[:, 1] - edge_z[:, 1] * edge_up[:, 0])
-    return 0.55 + 0.45 * np.clip(area / max(float(np.percentile(area, 95)), 1e-9), 0, 1)
+def _seen_from_the_side(
+    corners: Float[np.ndarray, "n 4 3"],
+) -> tuple[Float[np.ndarray, "n 4 2"], Float[np.ndarray, "n"]]:
+    """The cells in the plane of the paper, and how far away each is."""
+    (sin_yaw, sin_pitch), (cos_yaw, cos_pitch) = np.sin(VIEW_RAD), np.cos(VIEW_RAD)
+    along, away, up = np.moveaxis(corners, -1, 0)
+    across, back = cos_yaw * along + sin_yaw * away, cos_yaw * away - sin_yaw * along
+    flat = np.stack([across, cos_pitch * up + sin_pitch * back], axis=-1)
+    return flat, np.mean(cos_pitch * back - sin_pitch * up, axis=1)
 
 
-__all__ = ["pipe_in_space", "profiles", "stretches", "true_depth_mm", "wall_direction", "wall_map"]
+def _lit(colors: Float[np.ndarray, "n 3"], corners: Float[np.ndarray, "n 4 3"]) -> Float[np.ndarray, "n 3"]:
+    """Colours under a lamp beside the reader, so that the shape shows."""
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    facing = np.abs(normal @ LAMP)[:, None]
+    return np.clip(colors * (0.55 + 0.45 * facing) + 0.30 * facing**6, 0, 1)
+
+
+def _scale_bar(axes: Axes, flat: Float[np.ndarray, "n 4 2"]) -> None:
+    left, bottom = flat.reshape(-1, 2).min(axis=0)
+    length = 100 * float(np.cos(VIEW_RAD[0]))
+    axes.plot([left, left + length], [bottom - 12, bottom - 12], color=BLACK, linewidth=2)
+    axes.text(left + length + 8, bottom - 12, "100 mm along the pipe", va="center", fontsize=9)
