@@ -198,5 +198,5 @@ def oracle(run: Run) -> str:
     gap = f"{said} Worst defect: blind {figure(blind)} %, oracle {figure(known)} %"
     gap += f" (gap {signed(blind - known, 2)} points)."
     if blind < known:
-        gap += " Blind is better here: it sizes each defect at half its own depth, not by one for all."
+        gap += " Blind is better here: it sizes each defect at half its own depth."
     return gap

@@ -193,8 +193,9 @@ def profiles(run: Run, row: Row) -> Picture:
             axes.axhline(pipe.wall_mm, color=BLACK, linewidth=0.9, linestyle=(0, (1, 2)))
         deepest = max(float(np.max(true_z)), row.defect.depth_mm if row.defect else 0.0, LEAST_RANGE_MM)
         # a shallow one fills the plot; any other is shown against the full wall
-        deepest = 1.6 * deepest if deepest < SHALLOW_SHARE * pipe.wall_mm else max(deepest, pipe.wall_mm)
-        axial.set_ylim(deepest * 1.12, -0.2 * deepest)
+        shallow = deepest < SHALLOW_SHARE * pipe.wall_mm
+        deepest = 1.6 * deepest if shallow else max(deepest, pipe.wall_mm)
+        axial.set_ylim(deepest * 1.12, -deepest if shallow else -0.2 * deepest)
         figure.legend(*_legend(axial, across), loc="outside lower center", ncols=5)
         return to_picture(
             figure,
@@ -296,7 +297,7 @@ def pipe_in_space(run: Run) -> Picture:
             figure,
             f"The reconstructed pipe in space, the half around {clock} seen from inside and coloured by wall deviation "
             f"up to {high:.1f} mm; holes are places that were not seen.",
-            f"The half of the wall around {clock} seen from inside, depths drawn {DEPTH_DRAWN:g} times. Open places "
+            f"The half of the wall around {clock} seen from inside, depths drawn {DEPTH_DRAWN:g} times as deep. Open places "
             "were not seen.",
             shaded=True,
         )
