@@ -1,4 +1,4 @@
-"""The drawn picture by pyrender: the projector as a spot light with its own shadow, the fisheye in the vertex shader."""
+"""The drawn picture by pyrender: the projector as a spot light with a shadow, the fisheye in the vertex shader."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,9 +17,6 @@ from sensor_model.raycast import check_inside
 from sensor_model.rig import Camera, Rig
 from twin.mesh import Surface, bore_surface, feature_box, feature_surface
 from twin.pipe import Pipe
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 SHADERS = Path(__file__).parent / "shaders"
 SLIDE_TEXELS = 8192  # ten to a pixel of the picture
@@ -57,7 +54,7 @@ def _studio() -> Any:
     return _studio_class()()
 
 
-def _prepare_gl() -> ModuleType:
+def _prepare_gl() -> Any:
     """Import pyrender for a machine without a display, one core to a process."""
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
     os.environ.setdefault("PYGLET_HEADLESS", "1")
@@ -121,7 +118,7 @@ def shadow_crop(
     )
 
 
-def slide_table(beam: Light) -> tuple[Float[np.ndarray, "texels 4"], Float[np.ndarray, "4"]]:
+def slide_table(beam: Light) -> tuple[Float[np.ndarray, "texels 4"], Float[np.ndarray, " 4"]]:
     """The slide as a table over the tangent of the half angle, and where that table and its light begin and end.
 
     A row has the light of all bands summed up to its tangent, so that the light between any two tangents is a
@@ -129,10 +126,11 @@ def slide_table(beam: Light) -> tuple[Float[np.ndarray, "texels 4"], Float[np.nd
     """
     first, last = beam.lit_from[0] * 0.98, beam.lit_to[-1] * 1.02
     tangent = np.linspace(first, last, SLIDE_TEXELS)
-    passed = np.clip(tangent[:, None], beam.lit_from, beam.lit_to) - beam.lit_from
-    edges = np.stack([beam.lit_from, beam.lit_to], axis=-1).ravel()
+    lit = np.array([beam.lit_from, beam.lit_to])
+    passed = np.clip(tangent[:, None], *lit) - lit[0]
+    edges = lit.T.ravel()
     nearest = np.abs(tangent[:, None] - edges).argmin(axis=1)
-    table = np.concatenate([passed @ beam.colors, nearest[:, None]], axis=1).astype(np.float32)
+    table = np.concatenate([passed @ np.array(beam.colors), nearest[:, None]], axis=1).astype(np.float32)
     return table, np.array([first, tangent[1] - first, first, last])
 
 
@@ -141,13 +139,15 @@ def _studio_class() -> Any:
     """The classes over pyrender's, made when it is first imported."""
     pyrender = _prepare_gl()
     from OpenGL import GL
+    from pyrender.camera import Camera as GlCamera
     from pyrender.constants import ProgramFlags, RenderFlags
+    from pyrender.light import SpotLight
     from pyrender.offscreen import OffscreenRenderer
     from pyrender.renderer import Renderer
     from pyrender.shader_program import ShaderProgramCache
     from pyrender.texture import Texture
 
-    class ShadowCamera(pyrender.camera.Camera):  # type: ignore[name-defined,misc]
+    class ShadowCamera(GlCamera):
         """Perspective over a square of the projector's tangent plane, in the projector's axes (z forward)."""
 
         def __init__(self, crop: tuple[float, ...]) -> None:
@@ -163,7 +163,7 @@ def _studio_class() -> Any:
             P[3, 2] = 1.0
             return P
 
-    class RingProjector(pyrender.SpotLight):  # type: ignore[misc]
+    class RingProjector(SpotLight):
         """The projector: a spot light whose node has its axes, with a shadow map cropped to what can be shaded."""
 
         crop: tuple[float, ...] = (0.0, 0.0, 1.0, 1.0, 2.0)
@@ -188,8 +188,11 @@ def _studio_class() -> Any:
         def _get_shadow_camera(self, scene_scale: float) -> Any:  # noqa: ARG002
             return ShadowCamera(self.crop)
 
-    class RingRenderer(Renderer):  # type: ignore[misc]
+    class RingRenderer(Renderer):
         """pyrender's passes with the shaders, the uniforms and the float buffer of this picture."""
+
+        _main_fb: Any
+        _main_fb_dims: Any
 
         def __init__(self, width: int, height: int) -> None:
             super().__init__(width, height)
@@ -271,7 +274,7 @@ def _studio_class() -> Any:
             GL.glReadPixels(0, 0, width, height, GL.GL_RGB, GL.GL_FLOAT, picture)
             return picture
 
-    class Studio(OffscreenRenderer):  # type: ignore[misc]
+    class Studio(OffscreenRenderer):
         """One renderer and the scene around the camera: chunks of bore and patches of features that light can reach."""
 
         def __init__(self) -> None:
@@ -402,7 +405,7 @@ def _shadow_uniforms(crop: tuple[float, ...]) -> dict[str, Any]:
 def _effects(rig: Rig, beam: Light, crop: tuple[float, ...] | None) -> set[str]:
     """What the shader has to reckon with."""
     azimuth = np.linspace(0, 2 * np.pi, 72)
-    tangent = float(beam.lit_from[0])
+    tangent = beam.lit_from[0]
     rays = np.stack([tangent * np.sin(azimuth), -tangent * np.cos(azimuth), np.ones_like(azimuth)], axis=-1)
     T = rig.projector.T_camera_projector
     rays = rays @ T[:3, :3].T

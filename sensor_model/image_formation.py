@@ -16,6 +16,7 @@ CELL_PX = 8  # inter-reflection is gathered from cells of this size
 HAZE_CELL_PX = 16
 HAZE_SPREAD_PX = 110.0
 RINGS = np.arange(-1.5, 24.0, 0.125)  # of wall, by their distance ahead of the camera in bore radii
+REFLECTIONS = 60
 TONES = 1 << 16
 
 
@@ -69,15 +70,25 @@ def inter_reflection(linear: Float[np.ndarray, "h w 3"], optics: Optics, camera:
     annulus = (np.hypot(u - camera.cx_px, v - camera.cy_px) / CELL_PX).astype(int).ravel()
     count = np.bincount(annulus)
     ahead = 1 / np.tan(np.maximum(_angles_rad(camera), 1e-3))
-    table = np.empty((radii, 3), dtype=np.float32)
+    direct = np.empty((RINGS.size, 3))
     for channel in range(3):
-        sums = np.bincount(annulus, weights=cells[..., channel].ravel())
-        mean = sums / np.maximum(count, 1)
-        direct = np.interp(_radius_px(RINGS, camera), (np.arange(mean.size) + 0.5) * CELL_PX, mean, right=0.0)
-        passed_on = optics.wall_reflectance[channel] * _ring_exchange()
-        indirect = np.linalg.solve(np.eye(RINGS.size) - passed_on, passed_on @ direct)
-        table[:, channel] = optics.inter_reflection * np.interp(ahead, RINGS, indirect, right=0.0)
-    return table
+        mean = np.bincount(annulus, weights=cells[..., channel].ravel()) / np.maximum(count, 1)
+        radius_px = (np.arange(mean.size) + 0.5) * CELL_PX
+        direct[:, channel] = np.interp(_radius_px(RINGS, camera), radius_px, mean, right=0.0)
+    indirect = optics.inter_reflection * _reflected(direct, np.array(optics.wall_reflectance))
+    columns = [np.interp(ahead, RINGS, column, right=0.0) for column in indirect.T]
+    return np.stack(columns, axis=-1).astype(np.float32)
+
+
+def _reflected(
+    direct: Float[np.ndarray, "rings 3"], reflectance: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "rings 3"]:
+    """What rings of wall pass on to each other, order after order: x = rho K (direct + x)."""
+    passed_on = np.zeros_like(direct)
+    for _ in range(REFLECTIONS):
+        # no BLAS here: its threads would fight the other workers, and its sums depend on their number
+        passed_on = reflectance * np.einsum("ij,jc->ic", _ring_exchange(), direct + passed_on)
+    return passed_on
 
 
 @lru_cache(maxsize=1)
@@ -88,7 +99,7 @@ def _ring_exchange() -> Float[np.ndarray, "rings rings"]:
 
 
 @lru_cache(maxsize=4)
-def _angles_rad(camera: Camera) -> Float[np.ndarray, "r"]:
+def _angles_rad(camera: Camera) -> Float[np.ndarray, " r"]:
     """Angle from the optical axis by distance from the picture's centre, one entry a pixel."""
     angles = np.linspace(0, 2.2, 4000)
     corner = np.hypot(
@@ -107,7 +118,7 @@ def _fisheye_radius_px(angle: np.ndarray, camera: Camera) -> np.ndarray:
     return k.fx_px * angle * (1 + t2 * (k.k1 + t2 * (k.k2 + t2 * (k.k3 + t2 * k.k4))))
 
 
-def _blur_share(optics: Optics, camera: Camera) -> Float[np.ndarray, "r"]:
+def _blur_share(optics: Optics, camera: Camera) -> Float[np.ndarray, " r"]:
     """Share of the blurred picture that has the blur's variance at each distance from the centre.
 
     In a bore the depth along a ray is R / sin(angle), and defocus goes with the difference of inverse depths.
@@ -127,7 +138,7 @@ def _veil(linear: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _tone_curve(gamma: float, lost_bits: int) -> UInt8[np.ndarray, "tones"]:
+def _tone_curve(gamma: float, lost_bits: int) -> UInt8[np.ndarray, " tones"]:
     """Stored value of each of evenly spaced levels of light."""
     levels = 2 ** (8 - lost_bits) - 1
     value = np.rint((np.arange(TONES) / (TONES - 1)) ** (1 / gamma) * levels)

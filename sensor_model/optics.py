@@ -35,7 +35,7 @@ class Optics(Settings):
     slide_jag_deg: NonNegative = 0.08
     """Largest shift of a slit's edges along the azimuth: the print of the slide, the same in every picture."""
 
-    inter_reflection: NonNegative = 0.4
+    inter_reflection: NonNegative = 0.28
     """Light that reaches the wall by way of the wall; 1 is a matt cylinder with the wall's own reflectance."""
     haze: Share = 0.06
     """Share of the light that lens and air scatter widely over the picture."""
@@ -70,11 +70,14 @@ class Optics(Settings):
 
 
 class Light(NamedTuple):
-    """The projector's light as compiled code and the shader read it; angles as tangents of the half angle, or rad."""
+    """The projector's light as compiled code and the shader read it; half angles as tangents.
 
-    lit_from: np.ndarray  # tangent where each band's light begins
-    lit_to: np.ndarray  # and ends
-    colors: np.ndarray  # (bands, 3) wall reflectance times light
+    Tuples, not arrays: compiled code counts references to an array at every call.
+    """
+
+    lit_from: tuple[float, ...]  # tangent where each band's light begins
+    lit_to: tuple[float, ...]  # and ends
+    colors: tuple[tuple[float, ...], ...]  # of each band, wall reflectance times light
     jag_rad: float
     strut_azimuth_rad: float
     strut_half_width_rad: float
@@ -90,11 +93,11 @@ def light(projector: Projector, optics: Optics) -> Light:
     slits = projector.slit_half_angles_rad
     inner, outer = np.radians([projector.inner_half_angle_deg, projector.outer_half_angle_deg])
     by_letter = {"R": optics.red_light, "Y": optics.yellow_light, "B": optics.blue_light}
-    colors = np.array([by_letter[letter] for letter in projector.band_colors]) * np.array(optics.wall_reflectance)
+    colors = np.array([by_letter[letter] for letter in projector.band_colors]) * optics.wall_reflectance
     return Light(
-        np.tan(np.concatenate([[inner], slits + half_slit])),
-        np.tan(np.concatenate([slits - half_slit, [outer]])),
-        colors,
+        tuple(np.tan([inner, *(slits + half_slit)]).tolist()),
+        tuple(np.tan([*(slits - half_slit), outer]).tolist()),
+        tuple(tuple(color) for color in colors.tolist()),
         float(np.radians(optics.slide_jag_deg)),
         float(np.radians(projector.strut_clock_deg)),
         float(np.radians(projector.strut_width_deg)) / 2,

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numba import njit
 
 from sensor_model.geometry import fisheye_rays
-from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics, light
+from sensor_model.optics import REFERENCE_RANGE_MM, Optics, light
 from sensor_model.rig import Camera, Rig
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
 from twin.pipe import Pipe, Wall, wall_radius_mm
@@ -30,7 +30,7 @@ Rows = tuple[Triple, ...]
 class View(NamedTuple):
     """Where camera and projector are, in the pipe frame; rows of `R_projector_pipe` are the projector's axes.
 
-    Tuples, not arrays: compiled code counts references to an array at every call.
+    Tuples, as in `optics.Light`.
     """
 
     R_pipe_camera: Rows
@@ -60,7 +60,7 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     check_inside(pipe, T_pipe_camera, rig)
     rays = camera_rays(rig.camera)
     picture = np.zeros(rays.shape, dtype=np.float32)
-    _draw(wall, low, view, _plain(light(rig.projector, optics)), rays, picture)
+    _draw(wall, low, view, light(rig.projector, optics), rays, picture)
     return picture
 
 
@@ -89,7 +89,7 @@ def near_wall(pipe: Pipe, z_mm: float) -> Wall:
 @lru_cache(maxsize=2)
 def camera_rays(camera: Camera) -> Float[np.ndarray, "h w 3"]:
     """Unit ray of every pixel in the camera frame, float32."""
-    v, u = np.mgrid[: camera.height_px, : camera.width_px]
+    v, u = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
     return fisheye_rays(np.stack([u, v], axis=-1), camera.intrinsics).astype(np.float32)
 
 
@@ -108,12 +108,6 @@ def _view(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig) -> View:
 
 def _rows(matrix: np.ndarray) -> Rows:
     return tuple(tuple(row) for row in matrix.tolist())
-
-
-def _plain(beam: Light) -> Light:
-    """The same with tuples for arrays."""
-    lit = {"lit_from": tuple(beam.lit_from.tolist()), "lit_to": tuple(beam.lit_to.tolist())}
-    return beam._replace(**lit, colors=_rows(beam.colors))
 
 
 @njit(cache=True, error_model="numpy")

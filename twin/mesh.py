@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -91,8 +92,8 @@ def feature_box(pipe: Pipe, index: int) -> Box:
 
 def surface(
     pipe: Pipe,
-    theta_rad: Float[np.ndarray, "t"],  # noqa: UP037  a shape
-    z_mm: Float[np.ndarray, "z"],  # noqa: UP037
+    theta_rad: Float[np.ndarray, " t"],
+    z_mm: Float[np.ndarray, " z"],
     keep: Bool[np.ndarray, "t-1 z-1"] | None = None,
 ) -> Surface:
     """The wall over a grid of lines, two triangles a cell; `keep` leaves cells out."""
@@ -147,7 +148,7 @@ def solid(pipe: Pipe) -> trimesh.Trimesh:
 
 def save_stl(pipe: Pipe, path: Path) -> None:
     """Write `solid` as binary STL, mm."""
-    path.write_bytes(solid(pipe).export(file_type="stl"))
+    solid(pipe).export(path, file_type="stl")
 
 
 def _patch_box(pipe: Pipe, row: np.ndarray, steps: int) -> Box:
@@ -201,9 +202,7 @@ def _merged(lines: list[np.ndarray], start: float, stop: float, largest: float, 
         if line - kept[-1] >= smallest and stop - line >= smallest:
             kept.append(float(line))
     kept.append(stop)
-    filled = [
-        np.linspace(a, b, int(np.ceil((b - a) / largest - 1e-9)) + 1)[:-1] for a, b in zip(kept, kept[1:], strict=False)
-    ]
+    filled = [np.linspace(a, b, int(np.ceil((b - a) / largest - 1e-9)) + 1)[:-1] for a, b in pairwise(kept)]
     return np.concatenate([*filled, [stop]])
 
 

@@ -1,0 +1,59 @@
+"""Frames a second of drawing, ray-casting, exposing and PNG encoding on one core, and their ratios."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from sensor_model import drawing, raycast
+from sensor_model.image_formation import expose
+from sensor_model.optics import Optics
+from sensor_model.rig import Rig
+from twin.features.pocket import Pocket
+from twin.pipe import Pipe
+
+FRAMES = 8
+
+
+def seconds(step: Callable[[], object]) -> float:
+    """Median processor time of one call, compiled and warm: what a core of its own would take."""
+    step()
+    times = []
+    for _ in range(FRAMES):
+        start = time.process_time()
+        step()
+        times.append(time.process_time() - start)
+    return float(np.median(times))
+
+
+def main() -> None:
+    """Measure and print."""
+    cv2.setNumThreads(1)
+    pocket = Pocket(distance_mm=285, clock_deg=120, depth_mm=7.5, length_mm=70, width_mm=35)
+    plain = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
+    carved = plain.model_copy(update={"features": (pocket,)})
+    T_pipe_camera = np.eye(4)
+    T_pipe_camera[:3, 3] = 4, -3, 160
+    rig, optics, rng = Rig(), Optics(), np.random.default_rng(0)
+    drawn = drawing.draw(carved, T_pipe_camera, rig, optics)
+    stored = expose(drawn, optics, rng)
+    took = {
+        "drawing, plain pipe": seconds(lambda: drawing.draw(plain, T_pipe_camera, rig, optics)),
+        "drawing, pocket and its shadow": seconds(lambda: drawing.draw(carved, T_pipe_camera, rig, optics)),
+        "ray-casting, pocket and its shadow": seconds(lambda: raycast.draw(carved, T_pipe_camera, rig, optics)),
+        "exposing": seconds(lambda: expose(drawn, optics, rng)),
+        "PNG": seconds(lambda: cv2.imencode(".png", stored[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])),
+    }
+    for name, spent in took.items():
+        print(f"{name:36s} {1000 * spent:7.0f} ms {1 / spent:7.1f} frames/s")
+    whole = took["drawing, pocket and its shadow"] + took["exposing"] + took["PNG"]
+    print(f"{'whole picture (draw, expose, PNG)':36s} {1000 * whole:7.0f} ms {1 / whole:7.1f} frames/s")
+    ratio = took["ray-casting, pocket and its shadow"] / took["drawing, pocket and its shadow"]
+    print(f"ray-casting takes {ratio:.2f} x the time of drawing")
+
+
+if __name__ == "__main__":
+    main()
