@@ -297,8 +297,8 @@ def pipe_in_space(run: Run) -> Picture:
             figure,
             f"The reconstructed pipe in space, the half around {clock} seen from inside and coloured by wall deviation "
             f"up to {high:.1f} mm; holes are places that were not seen.",
-            f"The half of the wall around {clock} seen from inside, depths drawn {DEPTH_DRAWN:g} times as deep. Open places "
-            "were not seen.",
+            f"The half of the wall around {clock} seen from inside, depths drawn {DEPTH_DRAWN:g} times as deep. Open "
+            "places were not seen.",
             shaded=True,
         )
 
