@@ -35,7 +35,7 @@ class Optics(Settings):
     slide_jag_deg: NonNegative = 0.08
     """Largest shift of a slit's edges along the azimuth: the print of the slide, the same in every picture."""
 
-    inter_reflection: NonNegative = 0.28
+    inter_reflection: NonNegative = 0.15
     """Light that reaches the wall by way of the wall; 1 is a matt cylinder with the wall's own reflectance."""
     haze: Share = 0.06
     """Share of the light that lens and air scatter widely over the picture."""
@@ -49,7 +49,7 @@ class Optics(Settings):
     shot_noise: NonNegative = 0.012
     """Standard deviation at full scale; it falls with the root of the light."""
     read_noise: NonNegative = 0.003
-    gamma: Annotated[float, Field(ge=1, le=3)] = 2.0
+    gamma: Annotated[float, Field(ge=1, le=3)] = 2.4
     """Tone curve: stored value = light to the power of 1 / gamma."""
     lost_bits: Annotated[int, Field(ge=0, le=6)] = 0
     """Bits of quantisation lost beyond the eight of the file."""
