@@ -143,9 +143,7 @@ def pixel_noise(light: Float[np.ndarray, "azimuths radii"]) -> float:
 
 
 @njit(cache=True)
-def _find_dips(
-    lines, light, smoothing, first_px, reach, min_contrast, min_depth, noise, min_width, max_width
-):
+def _find_dips(lines, light, smoothing, first_px, reach, min_contrast, min_depth, noise, min_width, max_width):
     n_lines, n = light.shape
     count = np.zeros(n_lines, dtype=np.int64)
     radius = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)

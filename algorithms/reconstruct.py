@@ -70,7 +70,9 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
         add_points(state.builder, points, kept, alignment)
     possible = state.method.decode.azimuths * len(state.rig.projector.slits)
     result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, points.sigma_mm.size / possible)
-    state.results.append(replace(result, points=_NOTHING, kept=_NOTHING.ring == 0))  # the points live on in the map only
+    state.results.append(
+        replace(result, points=_NOTHING, kept=_NOTHING.ring == 0)
+    )  # the points live on in the map only
     return result
 
 

@@ -45,9 +45,7 @@ class MapBuilder:
         )
 
 
-def on_a_wall(
-    points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], pipe: NominalPipe
-) -> Bool[np.ndarray, "n"]:
+def on_a_wall(points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], pipe: NominalPipe) -> Bool[np.ndarray, "n"]:
     """Points that lie where a wall can be: outside it are the false slits that shadows and mixed colours make."""
     xyz = apply(T_pipe_camera, points.xyz_mm)
     rho = np.hypot(xyz[:, 0], xyz[:, 1])

@@ -112,7 +112,9 @@ def refine(
     parameters, inliers, scale, converged = _refine(xyz_mm, sigma_mm, start, z_mid, hold_radius, inlier_sigmas)
     axis = np.array([parameters[2], parameters[3], 1.0])
     center = np.array([parameters[0], parameters[1], z_mid])
-    return CylinderFit(center, axis / np.linalg.norm(axis), float(parameters[4]), inliers, float(scale), bool(converged))
+    return CylinderFit(
+        center, axis / np.linalg.norm(axis), float(parameters[4]), inliers, float(scale), bool(converged)
+    )
 
 
 def fit_cylinder(xyz_mm: Float[np.ndarray, "n 3"], directions: int = 60) -> CylinderFit:

@@ -22,9 +22,7 @@ def fuse(prior: Alignment, measured: Alignment) -> Alignment:
     # directions that neither knows stay as measured: the pseudo-inverse moves nothing along them
     move = np.linalg.pinv(_scaled(total), hermitian=True, rcond=1e-15) @ (gap / SCALE) / SCALE
     R = Rotation.from_rotvec(move[3:]).as_matrix() @ measured.T_pipe_camera[:3, :3]
-    return replace(
-        measured, T_pipe_camera=transform(R, measured.T_pipe_camera[:3, 3] + move[:3]), information=total
-    )
+    return replace(measured, T_pipe_camera=transform(R, measured.T_pipe_camera[:3, 3] + move[:3]), information=total)
 
 
 SCALE = np.array([1.0, 1.0, 1.0, 100.0, 100.0, 100.0])  # a radian moves the wall by about 100 mm

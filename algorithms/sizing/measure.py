@@ -14,8 +14,11 @@ from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
-DEEPEST_PERCENTILE = 95.0  # of a defect's smoothed cells: largest, but not one cell's luck
+# The largest depth, but not one cell's luck: near the top of those cells that come close to the deepest one, which
+# are the whole of a flat floor and the tip of a cone.
+NEAR_DEEPEST_SHARE, DEEPEST_PERCENTILE = 0.8, 90.0
 GAP_CELLS = 2  # more unseen cells than this between wall and floor are a shadow
+LOST_CELLS = 7  # over so many unseen cells nothing is drawn
 EDGE_QUANTILE = 0.1  # an edge lies where this share of the lines begins; its outermost lines may be stray
 
 
@@ -43,7 +46,9 @@ def segment(
     """Number the groups of deep cells, joined over small gaps and across 12 o'clock; 0 is no defect."""
     reach_z = int(join_mm / 2 / _cell_z(wall))
     reach_arc = int(join_mm / 2 / _cell_arc(wall, inner_radius_mm))
-    near = ndimage.grey_dilation(deep.astype(np.uint8), size=(2 * reach_arc + 1, 2 * reach_z + 1), mode=("wrap", "constant"))
+    near = ndimage.grey_dilation(
+        deep.astype(np.uint8), size=(2 * reach_arc + 1, 2 * reach_z + 1), mode=("wrap", "constant")
+    )
     labels, _ = ndimage.label(near, structure=np.ones((3, 3)))
     for a, b in {(a, b) for a, b in zip(labels[0], labels[-1], strict=True) if a and b and a != b}:
         labels[labels == max(a, b)] = min(a, b)
@@ -85,7 +90,7 @@ def measure_one(
     turn = wall.theta_rad.size // 2 - int(np.argmin(np.abs(np.angle(np.exp(1j * (wall.theta_rad - middle))))))
     deviation, inside = np.roll(deviation_mm, turn, axis=0), np.roll(cells, turn, axis=0)
 
-    depth = float(np.percentile(deviation[inside], DEEPEST_PERCENTILE))
+    depth = _largest_depth_mm(deviation[inside])
     floor = inside & (deviation > 0.5 * depth)
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     cell_z, cell_arc = _cell_z(wall), _cell_arc(wall, pipe.inner_radius_mm)
@@ -114,25 +119,29 @@ def measure_one(
     )
 
 
+def _largest_depth_mm(depths: Float[np.ndarray, "n"]) -> float:
+    return float(np.percentile(depths[depths > NEAR_DEEPEST_SHARE * depths.max()], DEEPEST_PERCENTILE))
+
+
 def _line(
     deviation: np.ndarray, floor: np.ndarray, level: float, shadow_cells_per_mm: float = 0.0
 ) -> tuple[float, float]:
-    """Where one line of the map rises above a level and falls below it again, in cells; NaN if its wall is unseen.
+    """Where one line of the map rises above a level and falls below it again, in cells.
 
-    With a shadow, the line runs along the pipe and light comes from its beginning.
+    With a shadow, the line runs along the pipe and light comes from its beginning. Where no wall was seen beyond the
+    defect (the scan's end, the strut's sector) it is taken to end with what was seen of it.
     """
     deep = np.flatnonzero(floor)
     seen = np.flatnonzero(np.isfinite(deviation))
     before, after = seen[seen < deep[0]], seen[seen > deep[-1]]
-    if before.size == 0 or after.size == 0:
-        return np.nan, np.nan
-    wall, first = int(before[-1]), int(deep[0])
+    first, last = int(deep[0]), int(deep[-1])
+    wall = int(before[-1]) if before.size else -LOST_CELLS
     shadow = deviation[first] * shadow_cells_per_mm
-    if shadow > 0 and first - wall > GAP_CELLS:
+    if GAP_CELLS < first - wall < shadow + LOST_CELLS:
         start = _rim(wall, first, shadow)
     else:
         start = _crossing(deviation, wall, first, level)
-    return start, _crossing(deviation, int(after[0]), int(deep[-1]), level)
+    return start, _crossing(deviation, int(after[0]) if after.size else last + LOST_CELLS, last, level)
 
 
 def _rim(wall: int, first_deep: int, shadow: float) -> float:
@@ -148,6 +157,8 @@ def _rim(wall: int, first_deep: int, shadow: float) -> float:
 
 def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float) -> float:
     """Place between a wall cell and a deep one at which the level is crossed, on a straight line between them."""
+    if abs(outside - deep) >= LOST_CELLS:
+        return deep + 0.5 * np.sign(outside - deep)
     low, high = deviation[outside], deviation[deep]
     share = np.clip((level - low) / (high - low), 0.0, 1.0) if high > low else 0.5
     return outside + share * (deep - outside)
@@ -156,9 +167,7 @@ def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float) -> f
 def _extent(edges: list[tuple[float, float]], cell_mm: float) -> Extent:
     """Edges over all lines: a low quantile of where they begin, a high one of where they end."""
     start, end = np.array(edges).T
-    start, end = start[np.isfinite(start)] * cell_mm, end[np.isfinite(end)] * cell_mm
-    if start.size == 0 or end.size == 0:
-        return Extent(np.nan, np.nan, np.inf)
+    start, end = start * cell_mm, end * cell_mm
     # half a cell of quantisation at each edge, and what the lines' scatter leaves after averaging
     scatter = [1.4826 * np.median(np.abs(edge - np.median(edge))) / np.sqrt(edge.size) for edge in (start, end)]
     std = float(np.sqrt(scatter[0] ** 2 + scatter[1] ** 2 + 2 * cell_mm**2 / 12))

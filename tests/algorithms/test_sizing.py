@@ -1,0 +1,131 @@
+"""Sizing from a map whose truth is known: background, threshold, extents, depth, and what was not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from algorithms.sizing.background import deviation_mm, noise_mm
+from algorithms.sizing.measure import SizingSettings, measure_defects, segment
+from algorithms.sizing.thresholds import THRESHOLDS, ThresholdSettings
+from algorithms.types import WallMap
+from sensor_model.recording import NominalPipe
+from twin.pipe import Pipe
+
+NOMINAL = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
+STEEPEST = np.radians(36.9)
+POCKET = {"kind": "pocket", "distance_mm": 150, "clock_deg": 120, "length_mm": 70, "width_mm": 35, "depth_mm": 7.5}
+
+
+def _map(pipe, noise=0.03, length=300.0, seed=0, hide=None):
+    theta = (np.arange(360) + 0.5) * 2 * np.pi / 360
+    z = np.arange(0.5, length, 1.0)
+    radius = pipe.radius(theta[:, None], z[None, :])
+    radius = radius + np.random.default_rng(seed).normal(0, noise, radius.shape)
+    if hide is not None:
+        radius[hide(theta[:, None], z[None, :])] = np.nan
+    count = np.where(np.isfinite(radius), 4, 0)
+    return WallMap(theta, z, radius, np.full(radius.shape, noise), count)
+
+
+def _measure(wall, rule="noise"):
+    deviation = deviation_mm(wall)
+    noise = noise_mm(wall, deviation)
+    settings = SizingSettings(threshold=ThresholdSettings(rule=rule))
+    threshold = THRESHOLDS[rule](deviation, noise, settings.threshold)
+    return measure_defects(wall, deviation, threshold, noise, NOMINAL, STEEPEST, settings)
+
+
+def _pipe(*features, **settings):
+    return Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, features=features, **settings)
+
+
+@pytest.mark.parametrize("rule", sorted(THRESHOLDS))
+def test_a_pocket_is_sized_to_a_fraction_of_a_cell(rule):
+    (found,) = _measure(_map(_pipe(POCKET)), rule)
+    assert found.length_mm == pytest.approx(70, abs=0.5)
+    assert found.width_mm == pytest.approx(35, abs=0.7)
+    assert found.depth_mm == pytest.approx(7.5, abs=0.1)
+    assert found.distance_mm == pytest.approx(150, abs=0.3)
+    assert np.degrees(found.theta_rad) == pytest.approx(120, abs=0.3)
+    assert found.wall_loss_pct == pytest.approx(100, abs=1.5)
+    assert not found.cut_by_scan_end
+
+
+@pytest.mark.parametrize("clock_deg", [0.0, 3.0, 180.0, 359.0])
+def test_the_seam_at_12_oclock_does_not_cut_a_defect(clock_deg):
+    (found,) = _measure(_map(_pipe({**POCKET, "clock_deg": clock_deg})))
+    assert found.width_mm == pytest.approx(35, abs=0.7)
+    turn = (np.degrees(found.theta_rad) - clock_deg + 180) % 360 - 180
+    assert turn == pytest.approx(0, abs=0.3)
+
+
+def test_an_oval_pipe_and_a_wrong_radius_are_no_defects():
+    wall = _map(Pipe(inner_radius_mm=77.0, wall_thickness_mm=7.5, ovality_pct=3, ovality_clock_deg=40))
+    assert _measure(wall) == ()
+    (found,) = _measure(_map(_pipe(POCKET, ovality_pct=3)))
+    assert found.depth_mm == pytest.approx(7.5, abs=0.25)
+
+
+def test_noise_alone_is_no_defect_wherever_it_is_louder():
+    theta_noise = _map(_pipe(), noise=0.05)
+    radius = theta_noise.radius_mm.copy()
+    radius[:, -30:] += np.random.default_rng(5).normal(0, 0.6, (360, 30))
+    assert _measure(WallMap(theta_noise.theta_rad, theta_noise.z_mm, radius, radius * 0, theta_noise.count)) == ()
+
+
+@pytest.mark.parametrize(
+    "feature",
+    [
+        {"kind": "pit", "distance_mm": 150, "clock_deg": 200, "diameter_mm": 24, "depth_mm": 4},
+        {"kind": "pit", "distance_mm": 150, "clock_deg": 200, "diameter_mm": 24, "depth_mm": 4, "shape": "conical"},
+        {"kind": "scratch", "distance_mm": 150, "clock_deg": 200, "path_length_mm": 80, "width_mm": 8, "depth_mm": 3},
+        {**POCKET, "floor": "planar", "depth_mm": 4.0},
+    ],
+)
+def test_every_family_is_found_and_sized(feature):
+    pipe = _pipe(feature)
+    true = pipe.features[0].size(76.2)
+    (found,) = _measure(_map(pipe))
+    # a cone's tip is narrower than the cells and their smoothing
+    assert found.depth_mm == pytest.approx(true.depth_mm, abs=0.2 * true.depth_mm)
+    assert found.length_mm == pytest.approx(true.length_mm, abs=3.0)
+    assert found.width_mm == pytest.approx(true.width_mm, abs=3.0)
+
+
+def test_a_shadow_under_the_near_rim_does_not_move_the_edge():
+    start, run = 115.0, 7.5 / np.tan(STEEPEST)
+
+    def hidden(theta, z):
+        inside = np.abs(np.degrees(theta) - 120) < 13.2
+        return inside & (z > start - 2.5) & (z < start + run + 2.5)
+
+    (found,) = _measure(_map(_pipe(POCKET), hide=hidden))
+    assert found.start_mm == pytest.approx(start, abs=0.7)
+    assert found.length_mm == pytest.approx(70, abs=1.0)
+
+
+def test_a_defect_at_the_scans_end_is_reported_as_cut():
+    (found,) = _measure(_map(_pipe({**POCKET, "distance_mm": 290})))
+    assert found.cut_by_scan_end
+
+
+def test_two_defects_are_two_and_come_in_order():
+    other = {**POCKET, "distance_mm": 60, "clock_deg": 300, "length_mm": 30, "width_mm": 20, "depth_mm": 2}
+    found = _measure(_map(_pipe(POCKET, other)))
+    assert [round(d.distance_mm) for d in found] == [60, 150]
+
+
+def test_an_empty_map_has_no_defect():
+    wall = _map(_pipe())
+    nothing = np.full(wall.radius_mm.shape, np.nan)
+    assert _measure(WallMap(wall.theta_rad, wall.z_mm, nothing, nothing, np.zeros(nothing.shape, np.int64))) == ()
+
+
+def test_segments_join_over_small_gaps_only():
+    wall = _map(_pipe())
+    deep = np.zeros(wall.radius_mm.shape, dtype=bool)
+    deep[100:110, 50:60] = deep[100:110, 62:70] = deep[100:110, 80:90] = True
+    labels = segment(deep, wall, 76.2, join_mm=3.0)
+    assert len(np.unique(labels[labels > 0])) == 2
+    assert labels[105, 55] == labels[105, 65] != labels[105, 85]

@@ -1,0 +1,89 @@
+"""The wall map: the weighted median of each cell's points, whatever the order of blocks, and nothing where none fell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from algorithms.types import Alignment, RingPoints
+from algorithms.wall_map import MapBuilder, MapSettings, _reduce, add_points, finish_map, on_a_wall
+from sensor_model.geometry import wall_direction
+from sensor_model.recording import NominalPipe
+
+NOMINAL = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
+HERE = Alignment(np.eye(4), np.eye(6))
+
+
+def _ring(theta, z, radius, sigma=0.2):
+    xyz = wall_direction(theta) * np.broadcast_to(radius, theta.shape)[:, None]
+    xyz[:, 2] = z
+    light = wall_direction(theta) * 0.5 + [0, 0, 0.8]
+    n = theta.size
+    return RingPoints(xyz, np.zeros(n, np.int64), np.zeros((n, 2)), light, np.broadcast_to(float(sigma), n).copy())
+
+
+def _everything(points):
+    return np.ones(points.sigma_mm.size, dtype=bool)
+
+
+def test_cells_hold_the_wall_and_what_was_not_seen_stays_empty():
+    theta = np.radians(np.arange(0.25, 300, 0.5))
+    builder = MapBuilder(MapSettings())
+    for z in np.arange(0.1, 30, 0.25):
+        points = _ring(theta, np.full(theta.size, z), 76.2 + 2 * np.cos(theta))
+        add_points(builder, points, _everything(points), HERE)
+    wall = finish_map(builder)
+    row = np.searchsorted(wall.z_mm, 10)
+    assert np.allclose(wall.radius_mm[:299, row], 76.2 + 2 * np.cos(wall.theta_rad[:299]), atol=0.02)
+    assert not wall.seen[301:].any()
+    assert np.isnan(wall.radius_mm[301:]).all()
+    assert wall.z_mm[wall.scanned()][[0, -1]] == pytest.approx([0.5, 29.5])
+
+
+def test_a_few_wild_points_do_not_move_a_cell():
+    theta = np.full(9, np.radians(10.5))
+    radius = np.array([76.2] * 7 + [83.0, 60.0])
+    points = _ring(theta, np.full(9, 5.5), radius)
+    builder = MapBuilder(MapSettings())
+    add_points(builder, points, _everything(points), HERE)
+    wall = finish_map(builder)
+    assert np.nanmax(wall.radius_mm) == pytest.approx(76.2, abs=1e-4)
+
+
+def test_points_beyond_the_wall_are_no_wall():
+    theta = np.radians([10.0, 20.0, 30.0, 40.0])
+    points = _ring(theta, np.zeros(4), np.array([76.2, 83.7, 90.0, 20.0]))
+    assert on_a_wall(points, np.eye(4), NOMINAL).tolist() == [True, True, False, False]
+
+
+def test_compiled_reduction_agrees_with_plain_numpy():
+    rng = np.random.default_rng(0)
+    cell = np.sort(rng.integers(0, 40, 400)).astype(float)
+    points = np.column_stack([cell, rng.normal(76, 1, 400), rng.uniform(0.5, 3, 400)])
+    radius, spread, count = _reduce(points, 50)
+    for c in range(50):
+        mine = points[cell == c]
+        assert count[c] == len(mine)
+        if len(mine) == 0:
+            assert np.isnan(radius[c])
+            continue
+        order = mine[np.argsort(mine[:, 1])]
+        half = np.searchsorted(np.cumsum(order[:, 2]), order[:, 2].sum() / 2)
+        assert radius[c] == order[half, 1]
+        assert spread[c] == pytest.approx(1.4826 * np.median(np.abs(mine[:, 1] - radius[c])))
+
+
+def test_memory_stays_flat_and_late_points_still_count():
+    theta = np.radians(np.arange(0.5, 360, 1.0))
+    builder = MapBuilder(MapSettings())
+    for z in np.arange(0.5, 3000, 1.0):
+        points = _ring(theta, np.full(theta.size, z), 76.2)
+        add_points(builder, points, _everything(points), HERE)
+        assert len(builder.waiting) <= 3
+    late = _ring(theta, np.full(theta.size, 200.5), 78.2)
+    add_points(builder, late, _everything(late), HERE)
+    wall = finish_map(builder)
+    assert wall.seen.all()
+    row = np.searchsorted(wall.z_mm, 200.4)
+    assert np.allclose(wall.radius_mm[:, row], 77.2, atol=1e-3)  # one early, one late
+    assert wall.count[0, row] == 2
