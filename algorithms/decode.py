@@ -41,9 +41,9 @@ class DecodeSettings(Settings):
 
 
 class Dips(NamedTuple):
-    """Dark places on every line: radius, width, standard deviation, and the colours inside and outside."""
+    """Dark places, so many on every line: radius, width, standard deviation, colours inside and outside."""
 
-    count: Int[np.ndarray, "lines"]
+    found: Int[np.ndarray, "lines"]
     radius_px: Float[np.ndarray, "lines most"]
     width_px: Float[np.ndarray, "lines most"]
     sigma_px: Float[np.ndarray, "lines most"]
@@ -64,7 +64,7 @@ def decode(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, settings: Dec
     colors = color_scores(dips)
     slit = name_slits(dips, colors, rig)
     slit = _of_usual_width(slit, dips.width_px, len(rig.projector.slits), settings.width_ratio)
-    slit = _supported(slit, dips.radius_px, dips.count, settings.support_lines, settings.support_px)
+    slit = _supported(slit, dips.radius_px, dips.found, settings.support_lines, settings.support_px)
     return _slit_pixels(dips, slit, rig, settings)
 
 
@@ -269,7 +269,7 @@ def color_scores(dips: Dips) -> Float[np.ndarray, "2 lines most 3"]:
 def name_slits(dips: Dips, colors: Float[np.ndarray, "2 lines most 3"], rig: Rig) -> Int[np.ndarray, "lines most"]:
     """Which slit each dip is, -1 for none: the best match in order of the colour pairs on each line."""
     pairs = np.array([[COLORS.index(letter) for letter in slit.name] for slit in rig.projector.slits])
-    return _name(dips.count, colors[0], colors[1], pairs)
+    return _name(dips.found, colors[0], colors[1], pairs)
 
 
 @njit(cache=True)

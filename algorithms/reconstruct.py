@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from algorithms.decode import decode
 from algorithms.localisation.odometry import Odometry, advance, launch, predict
 from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
@@ -48,8 +49,8 @@ def see(frame: Frame, rig: Rig, method: Method) -> SlitPixels:
     """The slit pixels of a frame: decoded from its picture, unless it came with them."""
     if frame.slit_pixels is not None:
         return frame.slit_pixels
-    from algorithms.decode import decode
-
+    if frame.picture is None:
+        raise ValueError(f"frame {frame.index} has neither a picture nor slit pixels")
     return decode(frame.picture, rig, method.decode)
 
 

@@ -1,4 +1,4 @@
-"""What crosses the stages of the measurement: points, alignments, the wall map, defects and the whole reconstruction."""
+"""What crosses the stages of the measurement: points, alignments, the wall map, defects, the reconstruction."""
 
 from __future__ import annotations
 

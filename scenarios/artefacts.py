@@ -12,9 +12,21 @@ from algorithms.types import Defect, Reconstruction, Trajectory, WallMap
 from sensor_model.geometry import clock_position, wall_direction, wxyz_from_rotation
 
 DEFECT_COLUMNS = (
-    "defect,distance_mm,start_mm,clock,theta_deg,length_mm,length_std_mm,width_mm,width_std_mm,depth_mm,depth_std_mm,"
-    "wall_loss_pct,unseen_share,cut_by_scan_end"
-).split(",")
+    "defect",
+    "distance_mm",
+    "start_mm",
+    "clock",
+    "theta_deg",
+    "length_mm",
+    "length_std_mm",
+    "width_mm",
+    "width_std_mm",
+    "depth_mm",
+    "depth_std_mm",
+    "wall_loss_pct",
+    "unseen_share",
+    "cut_by_scan_end",
+)
 
 
 def write_reconstruction(found: Reconstruction, folder: Path) -> None:
@@ -114,11 +126,14 @@ def _write_ply(
     faces: Int[np.ndarray, "faces 3"] | None = None,
 ) -> None:
     """Binary little-endian PLY with one scalar a vertex (which mesh libraries' writers leave out)."""
-    vertex = np.zeros(
-        len(xyz_mm), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3), ("wall_dev_mm", "<f4")]
-    )
+    vertex = np.zeros(len(xyz_mm), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3), ("wall_dev_mm", "<f4")])
     vertex["xyz"], vertex["rgb"], vertex["wall_dev_mm"] = xyz_mm, rgb, wall_dev_mm
-    header = ["ply", "format binary_little_endian 1.0", "comment lengths in mm, pipe frame", f"element vertex {len(vertex)}"]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment lengths in mm, pipe frame",
+        f"element vertex {len(vertex)}",
+    ]
     header += [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
     header += ["property float wall_dev_mm"]
     body = vertex.tobytes()

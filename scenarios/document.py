@@ -37,7 +37,7 @@ FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 Keys = tuple[str | int, ...]
 
 
-class BadInput(Exception):  # noqa: N818  it names what happened
+class BadInput(Exception):
     """What a person gave cannot be used; one clear line for each fault."""
 
     def __init__(self, lines: Sequence[str]) -> None:

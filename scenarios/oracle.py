@@ -1,4 +1,4 @@
-"""ORACLE: the paper's threshold search (section 4.4.1), which chooses with the TRUE size; an upper bound, not a method."""
+"""ORACLE: the paper's threshold search (section 4.4.1), which chooses with the TRUE size: an upper bound, no method."""
 
 from __future__ import annotations
 

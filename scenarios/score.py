@@ -123,9 +123,7 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
     tally.normal.append(plane_normal(xyz))
 
 
-def true_slits(
-    pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]
-) -> np.ndarray:
+def true_slits(pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]) -> np.ndarray:
     """The slit that a pixel really shows: its cone passes through the wall point there, give or take a slit's width.
 
     -1 where there is none: a shadow taken for a slit, or a pixel off the pipe.
@@ -153,7 +151,9 @@ def near_defect(pipe: Pipe, xyz_pipe_mm: Float[np.ndarray, "n 3"]) -> Bool[np.nd
 
 def score(found: Reconstruction, truth: Truth, tally: FrameTally) -> Score:
     """Compare a reconstruction with what really happened."""
-    return Score(**_defects(found, truth.pipe), **_table1(tally, truth.pipe), **_poses(found, truth), **_map(found, truth))
+    return Score(
+        **_defects(found, truth.pipe), **_table1(tally, truth.pipe), **_poses(found, truth), **_map(found, truth)
+    )
 
 
 def _worst(values: list[float]) -> float | None:

@@ -74,7 +74,9 @@ def twist_about_z_rad(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.nda
     return wrap_rad(2 * np.arctan2(q[..., 3], q[..., 0]))
 
 
-def swing_onto(direction_from: Float[np.ndarray, "3"], direction_to: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+def swing_onto(
+    direction_from: Float[np.ndarray, "3"], direction_to: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3 3"]:
     """The smallest rotation that carries one unit vector onto another.
 
     Raises:

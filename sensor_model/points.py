@@ -51,11 +51,15 @@ def see_slits(
     if not pipe.backed:
         seen[seen] &= np.hypot(lit[seen, 0], lit[seen, 1]) < pipe.outer_radius_mm - 1e-3
     # the strut's soft edge passes half the light at its stated width
-    seen &= np.abs(wrap_rad(azimuth - np.radians(projector.strut_clock_deg))) > np.radians(projector.strut_width_deg) / 2
+    seen &= (
+        np.abs(wrap_rad(azimuth - np.radians(projector.strut_clock_deg))) > np.radians(projector.strut_width_deg) / 2
+    )
     at_camera = np.tan(alpha) * -projector.apex_mm[2]
     seen &= at_camera > projector.housing_radius_mm
     seen &= rng.random(slit.size) >= noise.drop_out_share
-    jitter = rng.standard_normal(slit.size) * noise.pixel_noise_px  # drawn for all, so that draws do not depend on sight
+    jitter = (
+        rng.standard_normal(slit.size) * noise.pixel_noise_px
+    )  # drawn for all, so that draws do not depend on sight
 
     points_camera = (lit[seen] - T_pipe_camera[:3, 3]) @ T_pipe_camera[:3, :3]
     pixel = fisheye_project(points_camera, rig.camera.intrinsics)

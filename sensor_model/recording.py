@@ -155,9 +155,7 @@ def write_logs(
     save_settings(rig, folder / "rig.yaml")
     save_settings(pipe, folder / "pipe.yaml")
     _write_csv(folder / "imu0" / "data.csv", COLUMNS["imu0"], imu_stamps_ns, imu, "%.9g")
-    _write_csv(
-        folder / "orientation0" / "data.csv", COLUMNS["orientation0"], imu_stamps_ns, q_world_imu_wxyz, "%.9g"
-    )
+    _write_csv(folder / "orientation0" / "data.csv", COLUMNS["orientation0"], imu_stamps_ns, q_world_imu_wxyz, "%.9g")
     wheels = ",".join(f"wheel{i} [counts]" for i in range(counts.shape[1]))
     _write_csv(folder / "encoders0" / "data.csv", wheels, encoder_stamps_ns, counts, "%d")
 
@@ -179,7 +177,8 @@ def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
     """
     if not path.is_file():
         raise BadRecording(f"{path}: missing")
-    stamps, rows = [], []
+    stamps: list[int] = []
+    rows: list[list[float]] = []
     with path.open(newline="") as file:
         for line, row in enumerate(csv.reader(file), start=1):
             if not row or row[0].startswith("#"):
@@ -188,7 +187,9 @@ def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
             try:
                 stamp, values = int(row[0]), [float(v) for v in row[1:]]
             except ValueError as error:
-                raise BadRecording(f"{path}:{line}: {error}; a stamp in ns and {columns} numbers are expected") from None
+                raise BadRecording(
+                    f"{path}:{line}: {error}; a stamp in ns and {columns} numbers are expected"
+                ) from None
             if len(values) != columns or not np.all(np.isfinite(values)):
                 raise BadRecording(f"{path}:{line}: {row[1:]}; {columns} finite numbers are expected")
             if stamps and stamp <= stamps[-1]:
@@ -238,7 +239,8 @@ def _read_frame_list(folder: Path) -> tuple[np.ndarray, tuple[str, ...]]:
     path = folder / "cam0" / "data.csv"
     if not path.is_file():
         raise BadRecording(f"{path}: missing (it is written last: the recording may be unfinished)")
-    stamps, files = [], []
+    stamps: list[int] = []
+    files: list[str] = []
     with path.open(newline="") as file:
         for line, row in enumerate(csv.reader(file), start=1):
             if not row or row[0].startswith("#"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -75,10 +76,12 @@ class Projector(Settings):
     @model_validator(mode="after")
     def _in_order(self) -> Projector:
         angles = [self.inner_half_angle_deg, *(s.half_angle_deg for s in self.slits), self.outer_half_angle_deg]
-        if any(b - a <= self.slit_width_deg for a, b in zip(angles, angles[1:], strict=False)):
-            raise ValueError("slits must go outward, further apart than slit_width_deg, inside the inner and outer angle")
+        if any(b - a <= self.slit_width_deg for a, b in pairwise(angles)):
+            raise ValueError(
+                "slits must go outward, further apart than slit_width_deg, inside the inner and outer angle"
+            )
         names = [s.name for s in self.slits]
-        if any(a[1] != b[0] for a, b in zip(names, names[1:], strict=False)):
+        if any(a[1] != b[0] for a, b in pairwise(names)):
             raise ValueError("a slit's outer colour must be the next slit's inner colour")
         if len(set(names)) != len(names):
             raise ValueError("two slits with the same colour pair cannot be told apart")

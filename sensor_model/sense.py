@@ -71,9 +71,7 @@ def sense(
     write_frame_list(folder, stamps, suffix)
 
 
-def write_frame(
-    pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, seed: int, index: int, file: Path
-) -> None:
+def write_frame(pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, seed: int, index: int, file: Path) -> None:
     """Make one frame and write it: a PNG, or an NPZ of slit pixels."""
     if sensing.fidelity == "points":
         seen = see_slits(pipe, T_pipe_camera, rig, sensing.points, stream(seed, "points", index))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from copy import deepcopy
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
+S = TypeVar("S", bound="Settings")
 CLOCK = re.compile(r"(1[0-2]|[1-9]):([0-5]\d)")
 
 
@@ -19,12 +20,12 @@ class Settings(BaseModel):
 
     # by the fields alone: cached properties hold arrays, whose comparison has no single truth value
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self._values() == other._values()  # type: ignore[attr-defined]
+        return type(self) is type(other) and self._values() == other._values()
 
     def __hash__(self) -> int:
         return hash((type(self), self._values()))
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+    def model_copy(self: S, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> S:
         """A validated copy: pydantic's own would keep cached properties of the old fields, and check nothing."""
         values = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self).model_validate({**(deepcopy(values) if deep else values), **(update or {})})

@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float
 from numba import njit
 from pydantic import Field, model_validator
 
+from sensor_model.settings import ClockDeg, Settings
 from twin.features import CODES, AnyFeature, feature_depth_mm
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z, ROW_LENGTH
-from sensor_model.settings import ClockDeg, Settings
 
 INCH_MM = 25.4
 

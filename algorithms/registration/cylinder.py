@@ -15,6 +15,7 @@ from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
 SAMPLE = 10
+SAMPLE_STEPS, SAMPLE_DAMPING = 4, 1e-3
 SUBSAMPLE = 600
 REFINEMENTS = 20
 MIN_POINTS = 30
@@ -61,7 +62,10 @@ def align(points: RingPoints, pipe: NominalPipe, prior: Alignment, settings: Cyl
     sigma = np.maximum(points.sigma_mm * np.maximum(across, 0.1), 1e-6)
     held = pipe.inner_radius_mm if settings.radius == "held" else 0.0
     start = np.array([0.0, 0.0, 0.0, 0.0, pipe.inner_radius_mm])
-    parameters, z_mid = _consensus(points.xyz_mm, sigma, start, held > 0, settings.hypotheses)
+    thinned = slice(None, None, max(n // SUBSAMPLE, 1))
+    some, some_sigma = np.ascontiguousarray(points.xyz_mm[thinned]), np.ascontiguousarray(sigma[thinned])
+    samples = np.random.default_rng(SEED).integers(some_sigma.size, size=(settings.hypotheses, SAMPLE))
+    parameters, z_mid = _consensus(some, some_sigma, start, held > 0, samples)
     fit = refine(points.xyz_mm, sigma, parameters, z_mid, held > 0, settings.inlier_sigmas)
     share = fit.inliers.mean()
     if not fit.converged:
@@ -87,7 +91,7 @@ def _alignment(points: RingPoints, sigma: np.ndarray, fit: CylinderFit, prior: A
     T_pipe_camera = transform(R_pipe_camera, np.array([shift[0], shift[1], prior.T_pipe_camera[2, 3]]))
 
     lever = points.xyz_mm[fit.inliers] @ R_pipe_camera.T
-    normal = lever + [shift[0], shift[1], 0.0]
+    normal = lever + np.array([shift[0], shift[1], 0.0])
     normal[:, 2] = 0.0
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     ones = np.ones((normal.shape[0], 1))
@@ -149,30 +153,21 @@ def _distances(xyz: np.ndarray, center: np.ndarray, axis: np.ndarray, radius: fl
 
 
 @njit(cache=True)
-def _consensus(xyz, sigma, start, hold_radius, hypotheses):
-    """RANSAC: the sampled cylinder with the smallest median residual on a subsample of the points."""
-    n = xyz.shape[0]
-    np.random.seed(SEED)
-    step = max(n // SUBSAMPLE, 1)
-    some = xyz[::step]
-    some_sigma = sigma[::step]
-    z_mid = np.mean(some[:, 2])
-    best, best_cost = start.copy(), np.inf
-    sample = np.empty((SAMPLE, 3))
-    sample_sigma = np.empty(SAMPLE)
-    residual = np.empty(some.shape[0])
-    for h in range(hypotheses + 1):
-        candidate = start.copy() if best_cost == np.inf else best.copy()
-        if h > 0:
-            for k in range(SAMPLE):
-                i = np.random.randint(some.shape[0])
-                sample[k] = some[i]
-                sample_sigma[k] = some_sigma[i]
-            weight = np.ones(SAMPLE)
-            for _ in range(4):
-                # travel of the axis is damped: ten points may hardly fix a tilt
-                candidate, _length = _step(sample, sample_sigma, weight, candidate, z_mid, hold_radius, 1e-3)
-        _residuals(some, some_sigma, candidate, z_mid, residual)
+def _consensus(xyz, sigma, start, hold_radius, samples):
+    """RANSAC: of the cylinders through sampled points (rows of indices), the one with the smallest median residual."""
+    z_mid = np.mean(xyz[:, 2])
+    residual = np.empty(sigma.size)
+    weight = np.ones(samples.shape[1])
+    _residuals(xyz, sigma, start, z_mid, residual)
+    best, best_cost = start, np.median(np.abs(residual))
+    for h in range(samples.shape[0]):
+        candidate = best.copy()
+        for _ in range(SAMPLE_STEPS):
+            # damped: ten points may hardly fix a tilt
+            candidate, _length = _step(
+                xyz[samples[h]], sigma[samples[h]], weight, candidate, z_mid, hold_radius, SAMPLE_DAMPING
+            )
+        _residuals(xyz, sigma, candidate, z_mid, residual)
         cost = np.median(np.abs(residual))
         if cost < best_cost:
             best, best_cost = candidate, cost

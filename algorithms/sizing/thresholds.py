@@ -11,7 +11,6 @@ from pydantic import Field
 
 from sensor_model.settings import Settings
 
-
 MIN_LEVELS = 16  # fewer different values make no histogram
 
 
@@ -24,7 +23,9 @@ class ThresholdSettings(Settings):
 
 
 def by_noise(
-    deviation_mm: Float[np.ndarray, "around along"], noise_mm: Float[np.ndarray, "along"], settings: ThresholdSettings
+    deviation_mm: Float[np.ndarray, "around along"],  # noqa: ARG001  one signature for all rules
+    noise_mm: Float[np.ndarray, "along"],
+    settings: ThresholdSettings,
 ) -> Float[np.ndarray, "along"]:
     """So many standard deviations of the wall map's own noise at each distance."""
     return np.maximum(settings.noise_sigmas * noise_mm, settings.min_depth_mm)

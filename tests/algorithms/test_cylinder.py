@@ -164,7 +164,7 @@ def test_refinement_agrees_with_scipy():
     rng = np.random.default_rng(3)
     theta, z = rng.uniform(0, 5, 400), rng.uniform(-60, 60, 400)
     xyz = np.stack([76 * np.sin(theta), -76 * np.cos(theta), z], axis=1) + rng.normal(size=(400, 3)) * 0.2
-    xyz = Rotation.from_euler("xy", [3, -2], degrees=True).apply(xyz) + [3, 2, 100]
+    xyz = Rotation.from_euler("xy", [3, -2], degrees=True).apply(xyz) + np.array([3, 2, 100])
     start, z_mid = np.array([0, 0, 0, 0, 70.0]), 100.0
 
     def residual(p):

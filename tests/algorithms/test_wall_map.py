@@ -1,4 +1,4 @@
-"""The wall map: the weighted median of each cell's points, whatever the order of blocks, and nothing where none fell."""
+"""The wall map: the weighted median of each cell's points, and nothing where none fell."""
 
 from __future__ import annotations
 

@@ -76,9 +76,7 @@ def test_fisheye_agrees_with_opencv():
     points = np.random.default_rng(0).normal(size=(200, 3)) * [60, 60, 20] + [0, 0, 90]
     K = np.array([[k[0], 0, k[3]], [0, k[1], k[4]], [0, 0, 1.0]])
     # OpenCV's skew (alpha) is in units of fx
-    theirs, _ = cv2.fisheye.projectPoints(
-        points[:, None], np.zeros(3), np.zeros(3), K, k[5:].copy(), alpha=k[2] / k[0]
-    )
+    theirs, _ = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), K, k[5:].copy(), alpha=k[2] / k[0])
     assert np.allclose(g.fisheye_project(points, k), theirs[:, 0], atol=1e-9)
 
 
@@ -97,5 +95,7 @@ def test_half_angle_of_a_tilted_cone():
     axis /= np.linalg.norm(axis)
     R, apex = g.cone_frame(axis), np.array([1.0, -2.0, -53.0])
     alpha, around = np.radians(25.0), np.linspace(0, 6, 13)
-    local = np.stack([np.sin(alpha) * np.cos(around), np.sin(alpha) * np.sin(around), np.full(13, np.cos(alpha))], axis=-1)
+    local = np.stack(
+        [np.sin(alpha) * np.cos(around), np.sin(alpha) * np.sin(around), np.full(13, np.cos(alpha))], axis=-1
+    )
     assert np.allclose(g.half_angle_rad(apex + 150 * local @ R.T, apex, axis), alpha)

@@ -64,7 +64,11 @@ def _line3(text, new):
     [
         ("imu0/data.csv", lambda line: line.replace(line.split(",")[2], "x", 1), r"data\.csv:3: .*'x'"),
         ("imu0/data.csv", lambda line: line + ",5", r"data\.csv:3: .*6 finite numbers"),
-        ("orientation0/data.csv", lambda line: "-1" + line[line.index(",") :], r"data\.csv:3: stamp -1 does not come after"),
+        (
+            "orientation0/data.csv",
+            lambda line: "-1" + line[line.index(",") :],
+            r"data\.csv:3: stamp -1 does not come after",
+        ),
         ("encoders0/data.csv", lambda line: line.rsplit(",", 1)[0] + ",nan", r"data\.csv:3: .*3 finite numbers"),
         ("cam0/data.csv", lambda line: line.split(",")[0] + ",../../x.png", r"data\.csv:3: .*plain file name"),
     ],

@@ -1,5 +1,5 @@
 """What every drive may raise."""
 
 
-class DriveFailed(RuntimeError):  # noqa: N818  it names what happened
+class DriveFailed(RuntimeError):
     """The robot did not get where it was sent; the message says why and where."""

@@ -53,12 +53,12 @@ def drive(pipe: Pipe, robot: Robot, settings: GantryDrive, rng: np.random.Genera
     """Follow the path; a wheel of the robot's size that never slips stands for the gantry's scale."""
     knots = [(0.0, settings.start_mm, 0.0)]
     for stage in settings.stages:
-        time, z, roll = knots[-1]
-        time += abs(stage.to_mm - z) / settings.speed_mm_s
-        knots.append((time, stage.to_mm, roll))
+        at_s, from_mm, from_deg = knots[-1]
+        at_s += abs(stage.to_mm - from_mm) / settings.speed_mm_s
+        knots.append((at_s, stage.to_mm, from_deg))
         if stage.roll_to_deg is not None:
-            time += abs(stage.roll_to_deg - roll) / settings.turn_speed_deg_s
-            knots.append((time, stage.to_mm, stage.roll_to_deg))
+            at_s += abs(stage.roll_to_deg - from_deg) / settings.turn_speed_deg_s
+            knots.append((at_s, stage.to_mm, stage.roll_to_deg))
     knot_time, knot_z, knot_roll = np.array(knots).T
     keep = np.concatenate([[True], np.diff(knot_time) > 0])
     times = np.arange(0, int(np.floor((knot_time[-1] + settings.ramp_s) * settings.rate_hz)) + 1) / settings.rate_hz

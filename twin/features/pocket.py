@@ -52,7 +52,12 @@ class Pocket(Feature):
 @njit(cache=True)
 def depth_mm(dz, arc, row, inner_radius):
     """Depth at an axial and an arc distance from the centre, mm."""
-    half_length, half_width, depth, planar = (row[FIRST_OWN], row[FIRST_OWN + 1], row[FIRST_OWN + 2], row[FIRST_OWN + 3])
+    half_length, half_width, depth, planar = (
+        row[FIRST_OWN],
+        row[FIRST_OWN + 1],
+        row[FIRST_OWN + 2],
+        row[FIRST_OWN + 3],
+    )
     edge_width, corner = row[FIRST_OWN + 4], row[FIRST_OWN + 5]
     along, across = abs(dz) - half_length + corner, abs(arc) - half_width + corner
     outside = np.hypot(max(along, 0.0), max(across, 0.0)) + min(max(along, across), 0.0) - corner
