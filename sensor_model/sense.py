@@ -85,6 +85,9 @@ def write_frame(pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, see
         from sensor_model.drawing import draw
     else:
         from sensor_model.raycast import draw
-    picture = expose(draw(pipe, T_pipe_camera, rig, sensing.optics), sensing.optics, stream(seed, "picture", index))
-    if not cv2.imwrite(str(file), picture[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+    linear = draw(pipe, T_pipe_camera, rig, sensing.optics)
+    picture = expose(linear, sensing.optics, stream(seed, "picture", index), rig.camera)
+    # Huffman coding alone: a noisy picture has no repeats to find, and it is the fastest and the smallest here
+    how = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+    if not cv2.imwrite(str(file), picture[:, :, ::-1], how):
         raise OSError(f"{file}: cannot write the picture")
