@@ -209,8 +209,9 @@ def _band_levels(smooth, i, reach, highest_left, highest_right):
         levels[k] += smooth[i - j] / (half - near if k == 0 else far - half)
         levels[2 + k] += smooth[i + j] / (half - near if k == 0 else far - half)
     left, right = 0.5 * (levels[0] + levels[1]), 0.5 * (levels[2] + levels[3])
-    if left < 0.8 * highest_left or right < 0.8 * highest_right:  # another edge is near: no band to follow
-        return highest_left, highest_right
+    here = smooth[i]
+    if left - here < 0.7 * (highest_left - here) or right - here < 0.7 * (highest_right - here):
+        return highest_left, highest_right  # another edge is near: there is no band to follow
     gap = 0.5 * (far - near)
     fade = 0.5 * ((levels[0] - levels[1]) / left + (levels[3] - levels[2]) / right) / gap
     move = 0.5 * (near + far - 1) - EDGE_FROM_MIDDLE_SHARE * reach

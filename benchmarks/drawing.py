@@ -11,7 +11,7 @@ import numpy as np
 from sensor_model import drawing, raycast
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
-from sensor_model.rig import Rig
+from sensor_model.rig import preset_rig
 from twin.features.pocket import Pocket
 from twin.pipe import Pipe
 
@@ -37,14 +37,14 @@ def main() -> None:
     carved = plain.model_copy(update={"features": (pocket,)})
     T_pipe_camera = np.eye(4)
     T_pipe_camera[:3, 3] = 4, -3, 160
-    rig, optics, rng = Rig(), Optics(), np.random.default_rng(0)
+    rig, optics, rng = preset_rig(), Optics(), np.random.default_rng(0)
     drawn = drawing.draw(carved, T_pipe_camera, rig, optics)
-    stored = expose(drawn, optics, rng)
+    stored = expose(drawn, optics, rng, rig.camera)
     took = {
         "drawing, plain pipe": seconds(lambda: drawing.draw(plain, T_pipe_camera, rig, optics)),
         "drawing, pocket and its shadow": seconds(lambda: drawing.draw(carved, T_pipe_camera, rig, optics)),
         "ray-casting, pocket and its shadow": seconds(lambda: raycast.draw(carved, T_pipe_camera, rig, optics)),
-        "exposing": seconds(lambda: expose(drawn, optics, rng)),
+        "exposing": seconds(lambda: expose(drawn, optics, rng, rig.camera)),
         "PNG": seconds(lambda: cv2.imencode(".png", stored[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])),
     }
     for name, spent in took.items():

@@ -4,22 +4,35 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
 
 from algorithms.method import Method
-from sensor_model.rig import Rig
+from sensor_model.rig import Rig, preset_rig
 from sensor_model.sense import Sensing
 from sensor_model.settings import Settings
 from twin.drives import AnyDrive
 from twin.pipe import Pipe
 from twin.robot import Robot
 
+PRESET = "endoscope"
+
+
+def _on_preset(value: Any) -> Any:
+    """A rig by its name, or by what differs from the preset."""
+    if isinstance(value, str):
+        return preset_rig(value)
+    return _merged(preset_rig(PRESET).model_dump(), value) if isinstance(value, dict) else value
+
+
+AnyRig = Annotated[Rig, BeforeValidator(_on_preset, json_schema_input_type=str | dict[str, Any])]
+_RIG: TypeAdapter[Rig] = TypeAdapter(AnyRig)
+
 
 class Scenario(Settings):
     """Pipe, robot, drive, rig, sensing, method, seed.
 
-    `rig` is the nominal one, which goes with the recording and which the measurement believes. `true_rig` states only
-    what really is different (a calibration error); the rest is as in `rig`.
+    `rig` is the nominal one, which goes with the recording and which the measurement believes: a name, or what differs
+    from the preset. `true_rig` states only what really is different (a calibration error); the rest is as in `rig`.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -27,7 +40,7 @@ class Scenario(Settings):
     pipe: Pipe
     robot: Robot = Robot()
     drive: AnyDrive
-    rig: Rig = Rig()
+    rig: AnyRig = preset_rig(PRESET)
     true_rig: Rig | None = None
     sensing: Sensing = Sensing()
     method: Method = Method()
@@ -38,7 +51,7 @@ class Scenario(Settings):
     def _true_rig_over_rig(cls, data: Any) -> Any:
         if not (isinstance(data, dict) and isinstance(data.get("true_rig"), dict)):
             return data
-        base = Rig.model_validate(data.get("rig", {})).model_dump()
+        base = _RIG.validate_python(data.get("rig", PRESET)).model_dump()
         return {**data, "true_rig": _merged(base, data["true_rig"])}
 
 

@@ -21,7 +21,7 @@ TONES = 1 << 16
 
 
 def expose(
-    linear_rgb: Float[np.ndarray, "h w 3"], optics: Optics, rng: np.random.Generator, camera: Camera | None = None
+    linear_rgb: Float[np.ndarray, "h w 3"], optics: Optics, rng: np.random.Generator, camera: Camera
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The stored picture, RGB.
 
@@ -29,10 +29,9 @@ def expose(
         linear_rgb: What was drawn: direct light, linear, float32.
         optics: The settings of lens, air and chip; with both noises zero, `rng` is left alone.
         rng: The source of noise, one stream for one picture.
-        camera: Tells how far off the axis a pixel looks, for defocus and inter-reflection; the preset if not given.
+        camera: Tells how far off the axis a pixel looks, for defocus and inter-reflection.
     """
     linear = np.ascontiguousarray(linear_rgb, dtype=np.float32)
-    camera = camera or Camera(height_px=linear.shape[0], width_px=linear.shape[1])
     noisy = optics.shot_noise > 0 or optics.read_noise > 0
     noise = rng.standard_normal(linear.shape, dtype=np.float32) if noisy else np.zeros((1, 1, 3), dtype=np.float32)
     blurred = cv2.GaussianBlur(linear, (0, 0), optics.defocus_px) if optics.defocus_px > 0 else linear

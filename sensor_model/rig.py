@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -18,22 +18,23 @@ Color = Literal["R", "Y", "B"]
 Vector3 = tuple[float, float, float]
 AnySettings = TypeVar("AnySettings", bound=Settings)
 MAX_SETTINGS_BYTES = 2**20
+RIGS = Path(__file__).parent / "rigs"
 
 
 class Camera(Settings):
     """Kannala-Brandt fisheye as OpenCV has it; pixel centres at integers."""
 
-    width_px: Annotated[int, Field(ge=64, le=8192)] = 1664
-    height_px: Annotated[int, Field(ge=64, le=8192)] = 1232
-    fx_px: Annotated[float, Field(gt=0)] = 588.673
-    fy_px: Annotated[float, Field(gt=0)] = 588.511
-    skew_px: float = 0.661
-    cx_px: float = 817.866
-    cy_px: float = 609.376
-    k1: float = 0.04699
-    k2: float = -0.00892
-    k3: float = -0.00045
-    k4: float = 0.00277
+    width_px: Annotated[int, Field(ge=64, le=8192)]
+    height_px: Annotated[int, Field(ge=64, le=8192)]
+    fx_px: Annotated[float, Field(gt=0)]
+    fy_px: Annotated[float, Field(gt=0)]
+    skew_px: float
+    cx_px: float
+    cy_px: float
+    k1: float
+    k2: float
+    k3: float
+    k4: float
 
     @cached_property
     def intrinsics(self) -> Float[np.ndarray, "9"]:
@@ -53,25 +54,16 @@ class Slit(Settings):
 class Projector(Settings):
     """Concentric colour bands with dark slits between them; every slit is a cone about one axis from one apex."""
 
-    apex_mm: Vector3 = (0.0, 0.0, -53.0)
-    axis: Vector3 = (0.0, 0.0, 1.0)
-    slits: tuple[Slit, ...] = (
-        Slit(name="BB", half_angle_deg=19.19),
-        Slit(name="BY", half_angle_deg=21.43),
-        Slit(name="YY", half_angle_deg=23.99),
-        Slit(name="YR", half_angle_deg=26.58),
-        Slit(name="RR", half_angle_deg=28.99),
-        Slit(name="RB", half_angle_deg=32.4),
-        Slit(name="BR", half_angle_deg=34.6),
-        Slit(name="RY", half_angle_deg=36.9),
-    )
-    slit_width_deg: Annotated[float, Field(gt=0, le=2)] = 0.45
-    inner_half_angle_deg: Annotated[float, Field(gt=0)] = 17.0
-    outer_half_angle_deg: Annotated[float, Field(lt=80)] = 39.2
-    strut_clock_deg: float = 0.0
-    strut_width_deg: Annotated[float, Field(ge=0, lt=180)] = 37.0
-    strut_softness_deg: Annotated[float, Field(ge=0, lt=20)] = 2.0
-    housing_radius_mm: Annotated[float, Field(ge=0)] = 15.0
+    apex_mm: Vector3
+    axis: Vector3
+    slits: tuple[Slit, ...]
+    slit_width_deg: Annotated[float, Field(gt=0, le=2)]
+    inner_half_angle_deg: Annotated[float, Field(gt=0)]
+    outer_half_angle_deg: Annotated[float, Field(lt=80)]
+    strut_clock_deg: float
+    strut_width_deg: Annotated[float, Field(ge=0, lt=180)]
+    strut_softness_deg: Annotated[float, Field(ge=0, lt=20)]
+    housing_radius_mm: Annotated[float, Field(ge=0)]
 
     @model_validator(mode="after")
     def _in_order(self) -> Projector:
@@ -106,8 +98,8 @@ class Projector(Settings):
 class ImuMount(Settings):
     """Where the IMU sits, as seen from the camera."""
 
-    position_camera_mm: Vector3 = (0.0, 0.0, -60.0)
-    q_camera_imu_wxyz: tuple[float, float, float, float] = (0.7071067811865476, 0.0, 0.0, 0.7071067811865476)
+    position_camera_mm: Vector3
+    q_camera_imu_wxyz: tuple[float, float, float, float]
 
     @cached_property
     def R_camera_imu(self) -> Float[np.ndarray, "3 3"]:
@@ -118,17 +110,17 @@ class ImuMount(Settings):
 class Wheels(Settings):
     """The encoder wheels: what Eq. 25 needs of them."""
 
-    diameters_mm: tuple[Annotated[float, Field(gt=0)], ...] = (38.0, 38.0, 38.0)
-    counts_per_turn: Annotated[int, Field(gt=0)] = 16884  # 7 PPR x 4 x 603 (section 3.3)
+    diameters_mm: tuple[Annotated[float, Field(gt=0)], ...]
+    counts_per_turn: Annotated[int, Field(gt=0)]  # 7 PPR x 4 x 603 (section 3.3)
 
 
 class Rig(Settings):
     """One sensor, calibrated; in a run the true one makes the pictures and the nominal one goes with the recording."""
 
-    camera: Camera = Camera()
-    projector: Projector = Projector()
-    imu: ImuMount = ImuMount()
-    wheels: Wheels = Wheels()
+    camera: Camera
+    projector: Projector
+    imu: ImuMount
+    wheels: Wheels
 
 
 def save_settings(settings: Settings, path: Path) -> None:
@@ -155,3 +147,20 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
         return kind.model_validate(YAML(typ="safe", pure=True).load(path.read_text()))
     except YAMLError as error:
         raise ValueError(f"not YAML: {error}") from error
+
+
+def rigs() -> dict[str, Path]:
+    """The rigs that come with pipetwin, by name."""
+    return {path.stem: path for path in sorted(RIGS.glob("*.yaml"))}
+
+
+@cache
+def preset_rig(name: str = "endoscope") -> Rig:
+    """One of the rigs that come with pipetwin.
+
+    Raises:
+        ValueError: for another name.
+    """
+    if name not in rigs():
+        raise ValueError(f"no rig is called {name!r}; there are {', '.join(rigs())}")
+    return load_settings(Rig, rigs()[name])

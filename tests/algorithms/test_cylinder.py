@@ -15,7 +15,7 @@ from algorithms.types import Alignment, RingPoints
 from sensor_model.geometry import twist_about_z_rad
 from sensor_model.points import PointNoise, see_slits
 from sensor_model.recording import NominalPipe
-from sensor_model.rig import Rig
+from sensor_model.rig import preset_rig
 from twin.pipe import Pipe
 
 NOMINAL = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
@@ -28,7 +28,7 @@ def _scene(noise_px=0.25, x=4.0, y=-3.0, tilt=(2.0, -1.5), roll=0.4, drop=0.0, s
     T[:3, :3] = (Rotation.from_rotvec([0, 0, roll]) * Rotation.from_euler("xy", tilt, degrees=True)).as_matrix()
     T[:3, 3] = x, y, 5.0
     noise = PointNoise(pixel_noise_px=noise_px, drop_out_share=drop)
-    return T, triangulate(see_slits(pipe, T, Rig(), noise, np.random.default_rng(seed)), Rig())
+    return T, triangulate(see_slits(pipe, T, preset_rig(), noise, np.random.default_rng(seed)), preset_rig())
 
 
 def _prior(T):

@@ -11,10 +11,10 @@ from scenarios.score import true_slits
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
 from sensor_model.raycast import draw
-from sensor_model.rig import Rig
+from sensor_model.rig import preset_rig
 from twin.pipe import Pipe
 
-RIG = Rig()
+RIG = preset_rig()
 POCKET = {"kind": "pocket", "distance_mm": 120, "clock_deg": 120, "length_mm": 70, "width_mm": 35, "depth_mm": 7.5}
 CLEAN = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
 CARVED = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, features=[POCKET])
@@ -22,9 +22,13 @@ POSE = np.eye(4)
 POSE[:3, 3] = 4, -3, 0
 
 
+def _picture(pipe, optics):
+    return expose(draw(pipe, POSE, RIG, optics), optics, np.random.default_rng(0), RIG.camera)
+
+
 @pytest.fixture(scope="module")
 def noisy():
-    return expose(draw(CARVED, POSE, RIG, Optics()), Optics(), np.random.default_rng(0))
+    return _picture(CARVED, Optics())
 
 
 def _radial_error(seen, pipe):
@@ -36,7 +40,7 @@ def _radial_error(seen, pipe):
 
 def test_a_clean_picture_gives_the_wall_to_hundredths_of_a_millimetre():
     optics = Optics.ideal()
-    seen = d.decode(expose(draw(CLEAN, POSE, RIG, optics), optics, np.random.default_rng(0)), RIG, d.DecodeSettings())
+    seen = d.decode(_picture(CLEAN, optics), RIG, d.DecodeSettings())
     points, error = _radial_error(seen, CLEAN)
     assert set(points.ring) == set(range(8))
     for ring in range(8):
@@ -47,7 +51,7 @@ def test_a_clean_picture_gives_the_wall_to_hundredths_of_a_millimetre():
 
 def test_fading_light_does_not_move_the_slits():
     optics = Optics(slide_jag_deg=0.0).noiseless()
-    seen = d.decode(expose(draw(CLEAN, POSE, RIG, optics), optics, np.random.default_rng(0)), RIG, d.DecodeSettings())
+    seen = d.decode(_picture(CLEAN, optics), RIG, d.DecodeSettings())
     points, error = _radial_error(seen, CLEAN)
     for ring in range(8):
         assert abs(error[points.ring == ring].mean()) < 0.06

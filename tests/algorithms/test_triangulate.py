@@ -10,7 +10,7 @@ from algorithms.triangulate import triangulate
 from sensor_model.geometry import fisheye_project, fisheye_rays, half_angle_rad
 from sensor_model.points import PointNoise, see_slits
 from sensor_model.recording import SlitPixels
-from sensor_model.rig import Projector, Rig
+from sensor_model.rig import Rig, preset_rig
 from twin.pipe import Pipe
 
 PIPE = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
@@ -39,7 +39,9 @@ def _reference(seen: SlitPixels, rig: Rig) -> np.ndarray:
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (-0.013, 0.013, 1.0)])
 def test_points_lie_on_the_wall_and_agree_with_plain_numpy(axis):
-    rig = Rig(projector=Projector(axis=axis, apex_mm=(0.4, -0.3, -53.1)))
+    rig = preset_rig()
+    projector = rig.projector.model_copy(update={"axis": axis, "apex_mm": (0.4, -0.3, -53.1)})
+    rig = rig.model_copy(update={"projector": projector})
     T = _pose()
     seen = see_slits(PIPE, T, rig, EXACT, np.random.default_rng(0))
     points = triangulate(seen, rig)
@@ -50,7 +52,7 @@ def test_points_lie_on_the_wall_and_agree_with_plain_numpy(axis):
 
 
 def test_the_stated_deviation_is_the_measured_one():
-    rig, T = Rig(), _pose(x=0.0, y=0.0, tilt=(0.0, 0.0, 0.0))
+    rig, T = preset_rig(), _pose(x=0.0, y=0.0, tilt=(0.0, 0.0, 0.0))
     exact = see_slits(PIPE, T, rig, EXACT, np.random.default_rng(0))
     noisy = see_slits(PIPE, T, rig, EXACT.model_copy(update={"pixel_noise_px": 0.3}), np.random.default_rng(1))
     here, there = triangulate(exact, rig), triangulate(noisy, rig)
@@ -66,7 +68,7 @@ def test_the_stated_deviation_is_the_measured_one():
 
 
 def test_a_ray_inside_its_cone_gives_no_point():
-    rig = Rig()
+    rig = preset_rig()
     near_axis = fisheye_project(np.array([[5.0, 0.0, 100.0]]), rig.camera.intrinsics)
     seen = SlitPixels(near_axis, np.array([4]), np.array([0.2]))
     assert triangulate(seen, rig).sigma_mm.size == 0

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from sensor_model import drawing, raycast
 from sensor_model.geometry import apply, fisheye_project, inverse, transform
 from sensor_model.optics import Optics, light
-from sensor_model.rig import Camera, Projector, Rig
+from sensor_model.rig import Rig, preset_rig
 from twin.features.pit import Pit
 from twin.features.pocket import Pocket
 from twin.features.scratch import Scratch
@@ -23,8 +23,9 @@ BORE_MM = 76.2
 POCKET = Pocket(distance_mm=285, clock_deg=120, depth_mm=7.5, length_mm=70, width_mm=35)
 PLAIN = Pipe(inner_radius_mm=BORE_MM, wall_thickness_mm=7.5)
 CARVED = Pipe(inner_radius_mm=BORE_MM, wall_thickness_mm=7.5, features=(POCKET,))
-SMALL = Rig(
-    camera=Camera(width_px=416, height_px=308, fx_px=147.2, fy_px=147.1, skew_px=0.17, cx_px=204.1, cy_px=152.0)
+SMALL_CAMERA = {"width_px": 416, "height_px": 308, "fx_px": 147.2, "fy_px": 147.1, "skew_px": 0.17}
+SMALL = preset_rig().model_copy(
+    update={"camera": preset_rig().camera.model_copy(update={**SMALL_CAMERA, "cx_px": 204.1, "cy_px": 152.0})}
 )
 WAYS = {"picture": drawing.draw, "raycast": raycast.draw}
 
@@ -68,7 +69,7 @@ def slit_offsets_px(picture: np.ndarray, rig: Rig, T_pipe_camera: np.ndarray, ha
 
 @pytest.mark.parametrize("way", WAYS)
 def test_slits_lie_where_the_closed_form_has_them(way: str) -> None:
-    rig = Rig()
+    rig = preset_rig()
     picture = WAYS[way](PLAIN, pose(), rig, Optics.ideal())
     for half_angle in rig.projector.slit_half_angles_rad:
         assert abs(slit_offsets_px(picture, rig, pose(), half_angle).mean()) < 0.05
@@ -80,7 +81,7 @@ def test_slits_lie_where_the_closed_form_has_them(way: str) -> None:
     ids=["plain", "carved", "carved, all effects"],
 )
 def test_both_ways_give_the_same_picture(pipe: Pipe, optics: Optics, limit: float) -> None:
-    drawn, cast = (draw(pipe, pose(), Rig(), optics) for draw in WAYS.values())
+    drawn, cast = (draw(pipe, pose(), preset_rig(), optics) for draw in WAYS.values())
     assert cast.max() > 0.5
     assert np.sqrt(np.mean((drawn - cast) ** 2)) < limit
 
@@ -118,7 +119,7 @@ def test_a_scene_changed_and_changed_back_is_the_same() -> None:
 @pytest.mark.parametrize("way", WAYS)
 def test_the_strut_and_the_housing_take_light_away(way: str) -> None:
     def lit(**change: float) -> float:
-        rig = SMALL.model_copy(update={"projector": Projector(**change)})
+        rig = SMALL.model_copy(update={"projector": preset_rig().projector.model_copy(update=change)})
         return float((WAYS[way](PLAIN, np.eye(4), rig, Optics.ideal()) > 0).mean())
 
     whole = lit(strut_width_deg=0.0)
@@ -153,17 +154,17 @@ def test_the_pocket_shades_its_own_floor_behind_the_rim() -> None:
     half_angle = np.arctan(BORE_MM / (250 - 160 + 53))
     dark, bright = 250 + 0.8 * 7.5 / np.tan(half_angle), 250 + 1.4 * 7.5 / np.tan(half_angle)
     for draw in WAYS.values():
-        picture = draw(CARVED, T, Rig(), Optics.ideal())
+        picture = draw(CARVED, T, preset_rig(), Optics.ideal())
         for z, expected in ((dark, False), (bright, True)):
             wall = np.array([[rho * np.sin(theta), -rho * np.cos(theta), z - 160.0]])
-            u, v = fisheye_project(wall, Rig().camera.intrinsics)[0].round().astype(int)
+            u, v = fisheye_project(wall, preset_rig().camera.intrinsics)[0].round().astype(int)
             assert bool(picture[v - 1 : v + 2, u - 1 : u + 2].max() > 0.3) == expected
 
 
 def test_the_ray_caster_finds_the_wall_that_plain_bisection_finds() -> None:
     rng = np.random.default_rng(0)
-    view = raycast._view(CARVED, pose(), Rig())
-    beam = light(Projector(), Optics())
+    view = raycast._view(CARVED, pose(), preset_rig())
+    beam = light(preset_rig().projector, Optics())
     compared = 0
     for _ in range(300):
         aim = hole_floor_mm()[5] + rng.normal(0, 12, 3) - np.array(view.eye)
@@ -215,13 +216,13 @@ import sys
 import numpy as np
 from sensor_model.drawing import draw
 from sensor_model.optics import Optics
-from sensor_model.rig import Rig
+from sensor_model.rig import preset_rig
 from twin.pipe import Pipe
 end = float(sys.argv[1])
 pipe = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, end_mm=end)
 T = np.eye(4)
 for z in np.linspace(0, end - 300, 12):
     T[2, 3] = z
-    draw(pipe, T, Rig(), Optics())
+    draw(pipe, T, preset_rig(), Optics())
 print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')))
 """

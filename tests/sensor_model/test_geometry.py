@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from sensor_model import geometry as g
-from sensor_model.rig import Camera
+from sensor_model.rig import preset_rig
 
 ANGLE = st.floats(-20.0, 20.0)
 
@@ -72,7 +72,7 @@ def test_swing_is_the_smallest_rotation():
 def test_fisheye_agrees_with_opencv():
     import cv2
 
-    k = Camera().intrinsics
+    k = preset_rig().camera.intrinsics
     points = np.random.default_rng(0).normal(size=(200, 3)) * [60, 60, 20] + [0, 0, 90]
     K = np.array([[k[0], 0, k[3]], [0, k[1], k[4]], [0, 0, 1.0]])
     # OpenCV's skew (alpha) is in units of fx
@@ -81,7 +81,7 @@ def test_fisheye_agrees_with_opencv():
 
 
 def test_fisheye_rays_undo_the_projection():
-    k = Camera().intrinsics
+    k = preset_rig().camera.intrinsics
     u, v = np.meshgrid(np.linspace(0, 1663, 40), np.linspace(0, 1231, 30))
     pixels = np.stack([u, v], axis=-1)
     rays = g.fisheye_rays(pixels, k)

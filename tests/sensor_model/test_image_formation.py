@@ -7,9 +7,10 @@ import pytest
 
 from sensor_model.image_formation import _finish, _ring_exchange, expose
 from sensor_model.optics import Optics
-from sensor_model.rig import Camera
+from sensor_model.rig import preset_rig
 
-CAMERA = Camera(width_px=416, height_px=308, fx_px=147.2, fy_px=147.1, skew_px=0.17, cx_px=204.1, cy_px=152.0)
+SMALL = {"width_px": 416, "height_px": 308, "fx_px": 147.2, "fy_px": 147.1, "skew_px": 0.17}
+CAMERA = preset_rig().camera.model_copy(update={**SMALL, "cx_px": 204.1, "cy_px": 152.0})
 
 
 def rings(level: float = 0.61) -> np.ndarray:

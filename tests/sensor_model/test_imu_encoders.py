@@ -8,7 +8,7 @@ import pytest
 from sensor_model.encoders import EncoderNoise, measure_encoders
 from sensor_model.geometry import GRAVITY_M_S2, rotation_from_wxyz, twist_about_z_rad
 from sensor_model.imu import NO_IMU_NOISE, ImuNoise, measure_imu, world_from_pipe
-from sensor_model.rig import ImuMount, Wheels
+from sensor_model.rig import preset_rig
 from sensor_model.streams import stream
 from twin.drives.gantry import GantryDrive, drive
 from twin.pipe import Pipe
@@ -21,7 +21,7 @@ def _truth(**settings):
 
 
 def _imu(truth, noise):
-    return measure_imu(truth, ImuMount(), noise, stream(0, "imu"), stream(0, "attitude"))
+    return measure_imu(truth, preset_rig().imu, noise, stream(0, "imu"), stream(0, "attitude"))
 
 
 def test_an_imu_at_constant_speed_feels_gravity_upwards():
@@ -29,17 +29,19 @@ def test_an_imu_at_constant_speed_feels_gravity_upwards():
     log = _imu(truth, NO_IMU_NOISE)
     up = np.array([0.0, -np.cos(np.radians(30)), -np.sin(np.radians(30))]) * GRAVITY_M_S2
     middle = log.acceleration_m_s2.shape[0] // 2  # at constant speed
-    assert np.allclose(log.acceleration_m_s2[middle] @ ImuMount().R_camera_imu.T, up, atol=1e-3)
+    assert np.allclose(log.acceleration_m_s2[middle] @ preset_rig().imu.R_camera_imu.T, up, atol=1e-3)
 
 
 def test_the_gyro_integrates_to_the_roll_and_the_attitude_agrees():
     truth = _truth(stages=[{"to_mm": 50, "roll_to_deg": 40}], tilt_deg=(2, -1))
     log = _imu(truth, NO_IMU_NOISE)
-    rate_camera = log.gyro_rad_s @ ImuMount().R_camera_imu.T
+    rate_camera = log.gyro_rad_s @ preset_rig().imu.R_camera_imu.T
     axis = truth.pose_at(np.zeros(1))[0, 2, :3]  # the pipe's axis in camera coordinates, about which it turns
     turned = np.sum(rate_camera @ axis) / 100.0
     assert np.degrees(turned) == pytest.approx(40, abs=0.05)
-    R_pipe_camera = world_from_pipe(truth).T @ rotation_from_wxyz(log.q_world_imu_wxyz) @ ImuMount().R_camera_imu.T
+    R_pipe_camera = (
+        world_from_pipe(truth).T @ rotation_from_wxyz(log.q_world_imu_wxyz) @ preset_rig().imu.R_camera_imu.T
+    )
     roll = twist_about_z_rad(R_pipe_camera)
     assert np.degrees(roll[-1] - roll[0]) == pytest.approx(40, abs=1e-6)
 
@@ -71,8 +73,8 @@ def test_sources_of_noise_do_not_disturb_each_other():
 
 def test_encoders_count_the_travel_of_a_wheel_that_is_larger_than_believed():
     truth = _truth(stages=[{"to_mm": 1000}])
-    log = measure_encoders(truth, Wheels(), EncoderNoise(wheel_diameter_error_pct=(0.0, 1.0, -1.0)))
+    log = measure_encoders(truth, preset_rig().wheels, EncoderNoise(wheel_diameter_error_pct=(0.0, 1.0, -1.0)))
     travel = log.counts[-1] / 16884 * np.pi * 38
     assert travel == pytest.approx([1000, 1000 / 1.01, 1000 / 0.99], abs=0.02)
     with pytest.raises(ValueError, match="3 encoder wheels"):
-        measure_encoders(truth, Wheels(), EncoderNoise(wheel_diameter_error_pct=(0.0,)))
+        measure_encoders(truth, preset_rig().wheels, EncoderNoise(wheel_diameter_error_pct=(0.0,)))

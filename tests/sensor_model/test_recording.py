@@ -7,7 +7,7 @@ import pytest
 
 from scenarios.load import load_scenario
 from sensor_model.recording import BadRecording, open_recording
-from sensor_model.rig import Rig, load_settings
+from sensor_model.rig import Rig, load_settings, preset_rig
 from sensor_model.sense import sense
 from sensor_model.streams import stream
 from twin.simulate import simulate
@@ -40,7 +40,7 @@ def test_frames_and_logs_come_back(log):
 
 
 def test_the_rig_survives_its_file(log):
-    assert load_settings(Rig, log[0] / "rig.yaml") == Rig()
+    assert load_settings(Rig, log[0] / "rig.yaml") == preset_rig()
 
 
 def _spoiled(log, tmp_path, file, change):

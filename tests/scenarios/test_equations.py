@@ -1,0 +1,54 @@
+"""The paper's figures of merit on the paper's own numbers, and on shapes whose answer is known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
+
+# Table 2 of the paper: length, width, depth in mm; Eqs 29 and 30 in percent, as printed there
+TABLE_2 = {
+    "length": [67.2, 72.3, 67.7, 71.3, 76.6, 66.1],
+    "width": [34.2, 35.7, 33.1, 31.3, 35.2, 32.6],
+    "depth": [5.7, 8.6, 9.4, 4.7, 5.6, 4.8],
+    "err": [2.3, 1.9, 3.2, 5.4, 4.7, 4.4],
+    "error": [8.2, 5.1, 8.7, 12.9, 9.0, 12.4],
+}
+TRUE = (70.0, 35.0, 7.5)
+
+
+@pytest.mark.parametrize("test", range(6))
+def test_table_2_of_the_paper(test):
+    size = [TABLE_2[name][test] for name in ("length", "width", "depth")]
+    assert err_pct(size[0], size[1], TRUE[0], TRUE[1]) == pytest.approx(TABLE_2["err"][test], abs=0.051)
+    # sizes printed to 0.1 mm leave 0.2 percentage points of Eq. 30 open (0.05 / 7.5 / 3), the worst here is 0.06
+    assert error_pct(np.array(size), np.array(TRUE)) == pytest.approx(TABLE_2["error"][test], abs=0.06)
+
+
+def test_the_published_answers_are_the_ones_above(shared):
+    answers = json.loads((shared / "reference" / "answers.json").read_text())["paper_table2"]
+    for name in ("length", "width", "depth"):
+        assert answers[name] == TABLE_2[name]
+    assert answers["Err_pct"] == TABLE_2["err"]
+    assert answers["Error_pct"] == TABLE_2["error"]
+
+
+def test_depth_quality_of_table_4():
+    assert depth_quality_pct(np.array([2.7]), np.array([3.75])) == pytest.approx(72.0)
+
+
+def test_closeness_uses_the_mean_radius():
+    assert radius_closeness_pct(np.array([76.0, 77.0]), 76.0) == pytest.approx(0.5 / 76 * 100)
+
+
+def test_circle_and_plane_of_known_points():
+    turn = np.linspace(0, 4, 50)
+    center, radius = circle(np.column_stack([3 + 76 * np.cos(turn), -2 + 76 * np.sin(turn)]))
+    assert np.allclose(center, [3, -2])
+    assert radius == pytest.approx(76)
+    xy = np.random.default_rng(0).uniform(-70, 70, (200, 2))
+    normal = plane_normal(np.column_stack([xy, 100 + 0.1 * xy[:, 0]]))
+    assert np.allclose(normal, np.array([-0.1, 0, 1]) / np.hypot(0.1, 1))

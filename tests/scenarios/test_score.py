@@ -1,0 +1,108 @@
+"""Scoring: defects matched one to one, misses and false calls counted, poses and map compared with the truth."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from algorithms.method import Method
+from algorithms.reconstruct import begin, finish, see, step
+from algorithms.types import Defect
+from scenarios.load import load_scenario
+from scenarios.matching import match
+from scenarios.score import MEANINGS, FrameTally, Score, pose_errors, score, tally_frame, true_slits
+from sensor_model.recording import open_recording
+from sensor_model.sense import sense
+from sensor_model.streams import stream
+from twin.simulate import simulate
+
+CHANGES = [
+    "sensing.fidelity=points",
+    "sensing.frame_rate_hz=10",
+    "pipe.features=[{kind: pocket, distance_mm: 150, clock_deg: 120, length_mm: 40, width_mm: 30, depth_mm: 5}]",
+    "drive.stages=[{to_mm: 120}]",
+]
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    scenario = load_scenario("paper-gantry", CHANGES)
+    truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
+    folder = tmp_path_factory.mktemp("scan")
+    list(sense(truth, scenario.rig, scenario.rig, scenario.sensing, 0, folder))
+    recording = open_recording(folder)
+    state, tally = begin(recording.rig, recording.pipe, Method()), FrameTally(truth.pipe, scenario.rig)
+    for frame in (recording[i] for i in range(len(recording))):
+        result = step(state, frame, see(frame, recording.rig, Method()))
+        tally_frame(tally, result, truth.pose_at(np.array([frame.stamp_ns / 1e9]))[0])
+    return truth, finish(state), tally
+
+
+def test_every_figure_has_a_meaning():
+    assert [field.name for field in fields(Score)] == list(MEANINGS)
+
+
+def test_a_good_scan_scores_well(scan):
+    truth, found, tally = scan
+    row = score(found, truth, tally)
+    assert (row.defects_true, row.defects_found, row.false_calls) == (1, 1, 0)
+    assert row.center_rms_mm < 0.05
+    assert row.tilt_rms_deg < 0.02
+    assert row.wrong_words == 0
+    assert row.frames == row.frames_registered
+    assert row.radius_closeness_wall_pct < 0.01 < row.radius_closeness_pct
+    assert row.clock_spread_deg is None  # one defect alone shares its clock position with none
+
+
+def test_a_displaced_estimate_is_charged_to_the_axis_it_belongs_to(scan):
+    truth, found, tally = scan
+    path = found.trajectory
+    moved = path.T_pipe_camera.copy()
+    moved[:, 0, 3] += 0.3
+    moved[:, 2, 3] *= 1.01
+    worse = score(replace(found, trajectory=replace(path, T_pipe_camera=moved)), truth, tally)
+    assert worse.center_rms_mm == pytest.approx(0.3, abs=0.05)
+    assert worse.distance_error_pct == pytest.approx(1.0, abs=0.05)
+    assert worse.tilt_rms_deg == score(found, truth, tally).tilt_rms_deg
+    assert pose_errors(found, truth).center_mm.shape == (path.registered.sum(), 2)
+
+
+def _call(distance, theta_deg):
+    return Defect(distance - 20.0, 40.0, 30.0, 5.0, np.radians(theta_deg), 66.0, 0.4, 0.5, 0.1, 0.0, 500, False)
+
+
+def test_misses_and_false_calls(scan):
+    truth, found, tally = scan
+    near, far = _call(152, 121), _call(60, 121)
+    assert match(truth.pipe, (far, near)) == [(0, 1)]
+    assert match(truth.pipe, (_call(150, 300),)) == []
+    assert match(truth.pipe, ()) == []
+    # two calls on one defect: the nearer is the find, the other a false call
+    row = score(replace(found, defects=(_call(160, 120), near)), truth, tally)
+    assert (row.defects_found, row.false_calls) == (1, 1)
+    assert row.length_error_mm_max == 0
+    row = score(replace(found, defects=()), truth, tally)
+    assert (row.defects_found, row.depth_error_mm_max, row.eq32_quality_pct) == (0, None, None)
+
+
+def test_wrong_words_are_seen(scan):
+    truth, _, _ = scan
+    rig = load_scenario("paper-gantry").rig
+    from sensor_model.points import PointNoise, see_slits
+
+    T = truth.pose_at(np.array([1.0]))[0]
+    seen = see_slits(truth.pipe, T, rig, PointNoise(pixel_noise_px=0), np.random.default_rng(0))
+    assert np.array_equal(true_slits(truth.pipe, rig, seen.pixel, T), seen.slit)
+    center = np.array([rig.camera.cx_px, rig.camera.cy_px])
+    between = center + (seen.pixel[seen.slit == 3] - center) * 1.06
+    assert (true_slits(truth.pipe, rig, between, T) == -1).mean() > 0.9
+
+
+def test_scoring_edits_nothing(scan):
+    truth, found, tally = scan
+    before = (found.wall.radius_mm.copy(), found.trajectory.T_pipe_camera.copy(), truth.position_mm.copy())
+    score(found, truth, tally)
+    after = (found.wall.radius_mm, found.trajectory.T_pipe_camera, truth.position_mm)
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, after, strict=True))

@@ -1,0 +1,81 @@
+"""The cheap fidelity: light ends on the wall, rims hide what lies behind them, holes and the strut return nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from algorithms.triangulate import triangulate
+from sensor_model.geometry import half_angle_rad
+from sensor_model.points import PointNoise, first_wall_points, in_sight, see_slits
+from sensor_model.rig import preset_rig
+from twin.pipe import Pipe
+
+EXACT = PointNoise(pixel_noise_px=0, drop_out_share=0, azimuths=360)
+POCKET = {"kind": "pocket", "distance_mm": 120, "clock_deg": 120, "length_mm": 60, "width_mm": 35, "depth_mm": 7.5}
+
+
+def _pipe(backed=True, **settings):
+    return Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, features=[POCKET], backed=backed, **settings)
+
+
+def _wall(pipe, noise=EXACT, z=0.0):
+    T = np.eye(4)
+    T[2, 3] = z
+    points = triangulate(see_slits(pipe, T, preset_rig(), noise, np.random.default_rng(0)), preset_rig())
+    xyz = points.xyz_mm + T[:3, 3]
+    theta = np.arctan2(xyz[:, 0], -xyz[:, 1])
+    return points, xyz, theta, np.hypot(xyz[:, 0], xyz[:, 1])
+
+
+def test_light_ends_on_the_wall():
+    pipe = _pipe(ovality_pct=2)
+    _, xyz, theta, rho = _wall(pipe)
+    assert np.abs(rho - pipe.radius(theta, xyz[:, 2])).max() < 1e-3
+    assert rho.max() > 83
+
+
+def test_the_floor_begins_one_shadow_behind_the_rim():
+    rims, nearest = 90.0, []
+    for z in np.arange(-80, 60, 2.0):
+        points, xyz, theta, rho = _wall(_pipe(), z=z)
+        floor = (rho > 83.6) & (np.abs(np.degrees(theta) - 120) < 10) & (points.ring == 4)
+        nearest.append(xyz[floor, 2].min(initial=np.inf))
+    run = 7.5 / np.tan(np.radians(28.99))
+    assert min(nearest) == pytest.approx(rims + run, abs=2.5)  # steps of 2 mm, and the rim's rounding
+
+
+def test_a_hole_returns_no_light():
+    _, _, _, backed = _wall(_pipe())
+    _, _, _, open_ = _wall(_pipe(backed=False))
+    assert (backed > 83.65).sum() > 20
+    assert (open_ > 83.65).sum() == 0
+
+
+def test_the_strut_hides_its_sector_and_drop_outs_drop():
+    points, _, _, _ = _wall(_pipe())
+    azimuth = np.degrees(np.arctan2(points.direction[:, 0], -points.direction[:, 1]))
+    assert np.abs(azimuth).min() > 18
+    fewer, _, _, _ = _wall(_pipe(), EXACT.model_copy(update={"drop_out_share": 0.25}))
+    assert fewer.sigma_mm.size == pytest.approx(0.75 * points.sigma_mm.size, rel=0.03)
+
+
+def test_marching_agrees_with_plain_numpy():
+    pipe, rng = _pipe(), np.random.default_rng(1)
+    theta, alpha = rng.uniform(1.8, 2.4, 200), rng.uniform(0.35, 0.65, 200)
+    rays = np.stack([np.sin(alpha) * np.sin(theta), -np.sin(alpha) * np.cos(theta), np.cos(alpha)], axis=1)
+    origin = np.array([2.0, -1.0, -40.0])
+    found = first_wall_points(pipe.wall, origin, rays, -400.0, 900.0)
+    t = np.arange(100, 400, 0.01)
+    for ray, hit in zip(rays[:40], found, strict=False):
+        path = origin + t[:, None] * ray
+        outside = np.hypot(path[:, 0], path[:, 1]) > pipe.radius(np.arctan2(path[:, 0], -path[:, 1]), path[:, 2])
+        assert np.linalg.norm(path[outside.argmax()] - hit) < 0.02
+    eye = np.array([2.0, -1.0, 13.0])
+    assert in_sight(pipe.wall, found, eye).mean() > 0.8
+    assert np.allclose(half_angle_rad(found, origin, np.array([0, 0, 1.0])), alpha)
+
+    # the near corner of the floor cannot be seen from far behind the rim, and can from above
+    corner = np.array([[83.6 * np.sin(2.0944), -83.6 * np.cos(2.0944), 92.5]])
+    assert not in_sight(pipe.wall, corner, np.array([0.0, 0.0, -300.0]))[0]
+    assert in_sight(pipe.wall, corner, np.array([0.0, 0.0, 92.5]))[0]
