@@ -215,7 +215,10 @@ def _band_levels(smooth, i, reach, highest_left, highest_right):
     gap = 0.5 * (far - near)
     fade = 0.5 * ((levels[0] - levels[1]) / left + (levels[3] - levels[2]) / right) / gap
     move = 0.5 * (near + far - 1) - EDGE_FROM_MIDDLE_SHARE * reach
-    return left * (1.0 + fade * move), right * (1.0 - fade * move)
+    edge_left, edge_right = left * (1.0 + fade * move), right * (1.0 - fade * move)
+    if min((edge_left - here) / (left - here), (edge_right - here) / (right - here)) < 0.7:
+        return highest_left, highest_right  # nor is a step in brightness a fading band
+    return edge_left, edge_right
 
 
 @njit(cache=True)

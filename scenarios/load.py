@@ -19,6 +19,7 @@ from twin.drives import AnyDrive
 from twin.features import AnyFeature
 from twin.features.base import HALF_BOX_Z, Feature
 from twin.pipe import Pipe
+from twin.simulate import check_room
 
 __all__ = [
     "BadInput",
@@ -29,6 +30,7 @@ __all__ = [
     "read_scenario_file",
     "scenario_yaml",
     "to_scenario",
+    "whole_checks",
     "with_settings",
 ]
 
@@ -114,6 +116,8 @@ def to_scenario(document: Document) -> Scenario:
     except ValidationError:
         faults = _faults(_all_errors(data), data)
     faults += cross_checks(*_sound_parts(data))
+    if not faults:
+        faults += whole_checks(scenario)
     if not faults and not lines:
         return scenario
     said = {line.split(": ")[0] for line in lines}  # an alias, say, is not a wrong type as well
@@ -162,6 +166,24 @@ def cross_checks(pipe: Pipe | None, features: dict[int, Feature], drive: Any) ->
         return []
     faults = [fault for index, feature in features.items() for fault in _feature_faults(pipe, index, feature)]
     return faults + list(_drive_faults(pipe, drive))
+
+
+def whole_checks(scenario: Scenario) -> list[Fault]:
+    """Faults that only a scenario sound in all its parts can show: room for the drive, a figure for every wheel."""
+    faults = []
+    try:
+        check_room(scenario.pipe, scenario.robot, scenario.drive)
+    except ValueError as error:
+        faults.append(Fault(("drive",), scenario.drive.kind, str(error)))
+    wheels, errors = len(scenario.rig.wheels.diameters_mm), scenario.sensing.encoders.wheel_diameter_error_pct
+    if wheels != scenario.robot.leg_count:
+        allowed = f"one for each of the robot's {scenario.robot.leg_count} legs"
+        faults.append(Fault(("rig", "wheels", "diameters_mm"), f"{wheels} values", allowed))
+    if len(errors) != scenario.robot.leg_count:
+        allowed = f"one for each of the robot's {scenario.robot.leg_count} legs"
+        keys: Keys = ("sensing", "encoders", "wheel_diameter_error_pct")
+        faults.append(Fault(keys, f"{len(errors)} values", allowed))
+    return faults
 
 
 def _feature_faults(pipe: Pipe, index: int, feature: Feature) -> Iterator[Fault]:

@@ -292,3 +292,16 @@ def test_files_that_are_not_there() -> None:
 def test_scalars_are_those_of_yaml_1_2(text: str, value: object) -> None:
     assert scalar(text) == value
     assert type(scalar(text)) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("drive.stages=[{to_mm: 800}]", r"drive: got gantry; the drive leaves the pipe: .* 229 mm ahead, to 1029 mm"),
+        ("robot.leg_count=4", r"rig\.wheels\.diameters_mm: got 3 values; one for each of the robot's 4 legs"),
+        ("sensing.encoders.wheel_diameter_error_pct=[0, 0]", r"wheel_diameter_error_pct: got 2 values; one for each"),
+    ],
+)
+def test_parts_that_do_not_fit_together_are_named(change: str, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        load_scenario("paper-gantry", [change])
