@@ -1,0 +1,148 @@
+"""What the measurement costs a frame, and what a whole run takes in time and memory, in a short and a long pipe."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from algorithms import decode as decoding
+from algorithms import reconstruct as measuring
+from algorithms.registration import REGISTRATIONS
+from scenarios.load import load_scenario
+from sensor_model.points import see_slits
+from sensor_model.recording import open_recording
+from sensor_model.sense import sense
+from sensor_model.streams import stream
+from twin.simulate import simulate
+
+SENSOR_HZ = 15.0
+ROUNDS = 6
+FEW_FRAMES = ["sensing.fidelity=raycast", "sensing.frame_rate_hz=1.25", "drive.stages=[{to_mm: 420}]"]
+DECODE_PARTS = ["polar_lines", "find_dips", "color_scores", "name_slits", "_supported", "_slit_pixels"]
+LENGTHS = {"0.667 m": [], "3 m": ["pipe.end_mm=3300", "drive.end_mm=3000"]}
+STAGES = ["frames", "drive", "sense", "reconstruct", "score", "report", "total s"]
+MEMORY = ["this_process", "largest_worker", "all together"]
+
+
+def timed(name: str, function: Callable, spent: dict[str, list[float]]) -> Callable:
+    """The same function, which notes the processor time of each call, in ms."""
+
+    def call(*args: object) -> object:
+        start = time.process_time()
+        result = function(*args)
+        spent[name].append(1000 * (time.process_time() - start))
+        return result
+
+    return call
+
+
+def watch(spent: dict[str, list[float]]) -> None:
+    """Put a clock on every part of the measurement, where the fold looks them up."""
+    for module, names in ((decoding, DECODE_PARTS), (measuring, ["decode", "step", "triangulate", "add_points"])):
+        for name in names:
+            setattr(module, name, timed(name, getattr(module, name), spent))
+    for kind, (settings, align) in REGISTRATIONS.items():
+        REGISTRATIONS[kind] = settings, timed("register", align, spent)
+
+
+def per_frame() -> None:
+    """Time the measurement of a few frames of a carved pipe, from the picture in memory, on one core."""
+    cv2.setNumThreads(1)
+    scenario = load_scenario("paper-gantry", FEW_FRAMES)
+    truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
+    with tempfile.TemporaryDirectory() as folder:
+        list(sense(truth, scenario.rig, scenario.rig, scenario.sensing, 0, Path(folder)))
+        recording = open_recording(Path(folder))
+        frames = [recording[i] for i in range(len(recording))]
+    poses = truth.pose_at(np.minimum(recording.frame_stamps_ns / 1e9, truth.time_s[-1]))
+    spent: dict[str, list[float]] = defaultdict(list)
+    watch(spent)
+    look = timed("see_slits", see_slits, spent)
+    for attempt in range(ROUNDS + 1):
+        if attempt == 1:
+            spent.clear()  # what came before was compiled on the way
+        state = measuring.begin(recording.rig, recording.pipe, scenario.method)
+        for frame, pose in zip(frames, poses, strict=True):
+            measuring.step(state, frame, measuring.see(frame, recording.rig, scenario.method))
+            look(scenario.pipe, pose, scenario.rig, scenario.sensing.points, np.random.default_rng(0))
+    calls = ROUNDS * len(frames)
+    print(f"\nper frame, one core, processor time, {len(frames)} frames x {ROUNDS}: mean (slowest)")
+    for name in ["decode", *DECODE_PARTS, "triangulate", "register", "add_points"]:
+        label = f"  {'  of it ' * (name in DECODE_PARTS)}{name.strip('_')}"
+        print(f"{label:34s} {sum(spent[name]) / calls:8.2f} ms ({max(spent[name]):.1f})")
+    core, whole, cheap = ["decode", "triangulate", "register"], ["decode", "step"], ["see_slits"]
+    for names in (core, whole, cheap):
+        ms = sum(sum(spent[name]) for name in names) / calls
+        speed = f"{1000 / ms:6.1f} frames/s, {1000 / ms / SENSOR_HZ:.1f} x the sensor's rate"
+        print(f"  {' + '.join(names):32s} {ms:8.2f} ms, {speed}")
+
+
+def together_mb(session: int) -> float:
+    """Memory of all processes of one session, shared pages counted once."""
+    total = 0.0
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            if os.getsid(int(entry.name)) == session:
+                rows = (entry / "smaps_rollup").read_text().splitlines()
+                total += sum(int(row.split()[1]) / 1024 for row in rows if row.startswith("Pss:"))
+        except OSError:  # it ended meanwhile
+            continue
+    return total
+
+
+def whole_run(changes: list[str]) -> dict[str, float]:
+    """Run `paper-robot` in a process of its own: wall seconds per stage, and memory while it ran."""
+    words = [word for change in changes for word in ("--set", change)]
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "scenarios.cli", "run", "paper-robot", "-o", f"{folder}/run", *words]
+        peak = 0.0
+        nowhere = subprocess.DEVNULL
+        with subprocess.Popen(command, start_new_session=True, stdout=nowhere, stderr=nowhere) as process:
+            while process.poll() is None:
+                peak = max(peak, together_mb(process.pid))
+                time.sleep(0.25)
+        made, score = (json.loads(Path(folder, "run", name).read_text()) for name in ("run.json", "score.json"))
+    seconds = made["seconds"] | {"total s": made["seconds_total"]}
+    return seconds | made["peak_memory_mb"] | {"all together": peak, "frames": score["frames"]}
+
+
+def runs(fidelity: str) -> None:
+    """One line a length, and how memory grows from the short pipe to the long one."""
+    print(f"\npaper-robot in {fidelity} fidelity: wall seconds per stage, peak memory in MB")
+    print(f"  {'':8s}" + "".join(f"{name:>15s}" for name in STAGES + MEMORY))
+    rows = []
+    for length, changes in LENGTHS.items():
+        rows.append(whole_run([f"sensing.fidelity={fidelity}", *changes]))
+        print(f"  {length:8s}" + "".join(f"{rows[-1][name]:15.4g}" for name in STAGES + MEMORY), flush=True)
+    print(f"  {'ratio':8s}" + "".join(f"{rows[1][name] / max(rows[0][name], 1e-9):15.2f}" for name in STAGES + MEMORY))
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="the cost of a frame only")
+    parser.add_argument("--long", action="store_true", help="whole runs in picture fidelity too (ten minutes)")
+    asked = parser.parse_args()
+    model = next(row for row in Path("/proc/cpuinfo").read_text().splitlines() if row.startswith("model name"))
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "opencv-python-headless", "mujoco"))
+    print(f"{os.cpu_count()} x {model.split(': ')[1]}; Python {platform.python_version()}, {libraries}")
+    per_frame()
+    for fidelity in [] if asked.quick else ["points", "picture"] if asked.long else ["points"]:
+        runs(fidelity)
+
+
+if __name__ == "__main__":
+    main()
