@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from algorithms.decode import decode
-from algorithms.localisation.odometry import Odometry, advance, launch, predict
+from algorithms.localisation.odometry import Odometry, advance, launch, predict, settle
 from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
 from algorithms.registration.fusion import covariance, fuse
@@ -61,12 +61,13 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
     if state.odometry is None:
         state.odometry = _launched(state, frame, points)
     else:
-        state.odometry = advance(state.odometry, frame, state.rig)
+        state.odometry = advance(state.odometry, frame, state.rig, state.method.localisation)
     prior = predict(state.odometry, frame, state.rig, state.method.localisation)
     alignment = align(points, state.pipe, prior, state.method.registration)
     kept = np.zeros(points.sigma_mm.size, dtype=bool)
     if alignment.converged:
         alignment = fuse(prior, alignment)
+        state.odometry = settle(state.odometry, alignment)
         kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
         add_points(state.builder, points, kept, alignment)
     possible = state.method.decode.azimuths * len(state.rig.projector.slits)
@@ -79,12 +80,10 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
 
 def _launched(state: State, frame: Frame, points: RingPoints) -> Odometry:
     """Roll by gravity about the pipe's axis, which the first fit gives."""
-    level = launch(frame, state.rig, FORWARD)
-    align = REGISTRATIONS[state.method.registration.kind][1]
-    first = align(
-        points, state.pipe, predict(level, frame, state.rig, state.method.localisation), state.method.registration
-    )
-    return launch(frame, state.rig, first.T_pipe_camera[2, :3]) if first.converged else level
+    settings, align = state.method.localisation, REGISTRATIONS[state.method.registration.kind][1]
+    level = launch(frame, state.rig, FORWARD, settings)
+    first = align(points, state.pipe, predict(level, frame, state.rig, settings), state.method.registration)
+    return launch(frame, state.rig, first.T_pipe_camera[2, :3].copy(), settings) if first.converged else level
 
 
 _NOTHING = RingPoints(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))

@@ -49,7 +49,10 @@ class SlitPixels:
 
 @dataclass(frozen=True)
 class Frame:
-    """One exposure and what the other sensors said at its stamp; either a picture (RGB) or its slit pixels."""
+    """One exposure, either a picture (RGB) or its slit pixels, and what the other sensors said.
+
+    Attitude and counts are interpolated to the stamp; `imu` holds the samples (rad/s, m/s2) since the last frame.
+    """
 
     index: int
     stamp_ns: int
@@ -57,6 +60,8 @@ class Frame:
     slit_pixels: SlitPixels | None
     q_world_imu_wxyz: Float[np.ndarray, "4"]
     counts: Float[np.ndarray, "wheels"]
+    imu_stamps_ns: Int[np.ndarray, "samples"]
+    imu: Float[np.ndarray, "samples 6"]
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,9 @@ class Recording:
         held = np.clip(stamp_ns, self.orientation_stamps_ns[0], self.orientation_stamps_ns[-1])
         attitude = self._attitude(held / 1e9).as_quat()[[3, 0, 1, 2]]
         counts = np.array([np.interp(stamp_ns, self.encoder_stamps_ns, wheel) for wheel in self.counts.T])
-        return Frame(index, stamp_ns, None, None, attitude, counts)
+        since = int(self.frame_stamps_ns[index - 1]) if index > 0 else -1
+        span = slice(*np.searchsorted(self.imu_stamps_ns, [since, stamp_ns], side="right"))
+        return Frame(index, stamp_ns, None, None, attitude, counts, self.imu_stamps_ns[span], self.imu[span])
 
     def _read_picture(self, file: Path) -> UInt8[np.ndarray, "height width 3"]:
         import cv2

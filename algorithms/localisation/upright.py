@@ -1,0 +1,22 @@
+"""Which way is up in the pipe: an attitude from the direction of gravity and the pipe's axis."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+VERTICAL_COSINE = 0.98
+
+
+def level_attitude(
+    down_camera: Float[np.ndarray, "3"], axis_camera: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3 3"]:
+    """`R_pipe_camera` from gravity and the pipe's axis, both as the camera sees them: 12 o'clock is up.
+
+    In a vertical pipe gravity says nothing of roll; there the camera's own upright is the datum.
+    """
+    if abs(down_camera @ axis_camera) > VERTICAL_COSINE:
+        down_camera = np.array([0.0, 1.0, 0.0])
+    y = down_camera - (down_camera @ axis_camera) * axis_camera
+    y /= np.linalg.norm(y)
+    return np.stack([np.cross(y, axis_camera), y, axis_camera])
