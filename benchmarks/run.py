@@ -20,21 +20,21 @@ import numpy as np
 
 from algorithms import decode as decoding
 from algorithms import reconstruct as measuring
+from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
 from scenarios.load import load_scenario
+from scenarios.run import run
 from sensor_model.points import see_slits
 from sensor_model.recording import open_recording
-from sensor_model.sense import sense
 from sensor_model.streams import stream
 from twin.simulate import simulate
 
 SENSOR_HZ = 15.0
 ROUNDS = 6
 FEW_FRAMES = ["sensing.fidelity=raycast", "sensing.frame_rate_hz=1.25", "drive.stages=[{to_mm: 420}]"]
+COARSE = ["method.map.cell_z_mm=20"]  # for the run that makes the frames, which must see most of its map
 DECODE_PARTS = ["polar_lines", "find_dips", "color_scores", "name_slits", "_supported", "_slit_pixels"]
 LENGTHS = {"0.667 m": [], "3 m": ["pipe.end_mm=3300", "drive.end_mm=3000"]}
-STAGES = ["frames", "drive", "sense", "reconstruct", "score", "report", "total s"]
-MEMORY = ["this_process", "largest_worker", "all together"]
 
 
 def timed(name: str, function: Callable, spent: dict[str, list[float]]) -> Callable:
@@ -61,11 +61,11 @@ def watch(spent: dict[str, list[float]]) -> None:
 def per_frame() -> None:
     """Time the measurement of a few frames of a carved pipe, from the picture in memory, on one core."""
     cv2.setNumThreads(1)
-    scenario = load_scenario("paper-gantry", FEW_FRAMES)
+    scenario = load_scenario("paper-gantry", FEW_FRAMES + COARSE)
     truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
     with tempfile.TemporaryDirectory() as folder:
-        list(sense(truth, scenario.rig, scenario.rig, scenario.sensing, 0, Path(folder)))
-        recording = open_recording(Path(folder))
+        run(scenario, Path(folder, "run"), 1, lambda *_: None)
+        recording = open_recording(Path(folder, "run", "recording"))
         frames = [recording[i] for i in range(len(recording))]
     poses = truth.pose_at(np.minimum(recording.frame_stamps_ns / 1e9, truth.time_s[-1]))
     spent: dict[str, list[float]] = defaultdict(list)
@@ -74,9 +74,9 @@ def per_frame() -> None:
     for attempt in range(ROUNDS + 1):
         if attempt == 1:
             spent.clear()  # what came before was compiled on the way
-        state = measuring.begin(recording.rig, recording.pipe, scenario.method)
+        state = measuring.begin(recording.rig, recording.pipe, Method())
         for frame, pose in zip(frames, poses, strict=True):
-            measuring.step(state, frame, measuring.see(frame, recording.rig, scenario.method))
+            measuring.step(state, frame, measuring.see(frame, recording.rig, Method()))
             look(scenario.pipe, pose, scenario.rig, scenario.sensing.points, np.random.default_rng(0))
     calls = ROUNDS * len(frames)
     print(f"\nper frame, one core, processor time, {len(frames)} frames x {ROUNDS}: mean (slowest)")
@@ -115,19 +115,18 @@ def whole_run(changes: list[str]) -> dict[str, float]:
                 peak = max(peak, together_mb(process.pid))
                 time.sleep(0.25)
         made, score = (json.loads(Path(folder, "run", name).read_text()) for name in ("run.json", "score.json"))
-    seconds = made["seconds"] | {"total s": made["seconds_total"]}
-    return seconds | made["peak_memory_mb"] | {"all together": peak, "frames": score["frames"]}
+    seconds = {"frames": score["frames"], **made["seconds"], "total s": made["seconds_total"]}
+    return seconds | made["peak_memory_mb"] | {"all, sampled": peak}
 
 
 def runs(fidelity: str) -> None:
     """One line a length, and how memory grows from the short pipe to the long one."""
     print(f"\npaper-robot in {fidelity} fidelity: wall seconds per stage, peak memory in MB")
-    print(f"  {'':8s}" + "".join(f"{name:>15s}" for name in STAGES + MEMORY))
-    rows = []
-    for length, changes in LENGTHS.items():
-        rows.append(whole_run([f"sensing.fidelity={fidelity}", *changes]))
-        print(f"  {length:8s}" + "".join(f"{rows[-1][name]:15.4g}" for name in STAGES + MEMORY), flush=True)
-    print(f"  {'ratio':8s}" + "".join(f"{rows[1][name] / max(rows[0][name], 1e-9):15.2f}" for name in STAGES + MEMORY))
+    rows = [whole_run([f"sensing.fidelity={fidelity}", *changes]) for changes in LENGTHS.values()]
+    print(f"  {'':8s}" + "".join(f"{name:>15s}" for name in rows[0]))
+    for length, row in zip(LENGTHS, rows, strict=True):
+        print(f"  {length:8s}" + "".join(f"{figure:15.4g}" for figure in row.values()))
+    print(f"  {'ratio':8s}" + "".join(f"{rows[1][name] / max(rows[0][name], 1e-9):15.2f}" for name in rows[0]))
 
 
 def main() -> None:

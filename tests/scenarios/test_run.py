@@ -162,9 +162,9 @@ def test_the_recording_alone_gives_the_same_defects(first, tmp_path):
 def _damaged(monkeypatch: pytest.MonkeyPatch, harm) -> None:
     """Something goes wrong with the recording between sensing and measuring."""
 
-    def sense_and_harm(truth, true_rig, rig, sensing, seed, folder, workers):
-        yield from sense(truth, true_rig, rig, sensing, seed, folder, workers)
-        harm(folder)
+    def sense_and_harm(*given):
+        yield from sense(*given)
+        harm(next(item for item in given if isinstance(item, Path)))
 
     monkeypatch.setattr(door, "sense", sense_and_harm)
 
