@@ -9,6 +9,7 @@ from jaxtyping import Float, Int, UInt8
 from numba import njit
 from pydantic import Field
 
+from algorithms.robust import MAD_TO_SIGMA
 from sensor_model.geometry import fisheye_project
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
@@ -139,7 +140,7 @@ def pixel_noise(light: Float[np.ndarray, "azimuths radii"]) -> float:
     thin = light[::8]
     second = (thin[:, 2:] - 2 * thin[:, 1:-1] + thin[:, :-2])[:, ::2]
     second = second[np.isfinite(second)]
-    return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6) if second.size else 0.0
+    return MAD_TO_SIGMA * float(np.median(np.abs(second))) / np.sqrt(6) if second.size else 0.0
 
 
 @njit(cache=True)

@@ -18,6 +18,7 @@ from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory
 from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall
+from sensor_model.geometry import wall_angle_rad
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
 
@@ -70,20 +71,29 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
         state.odometry = settle(state.odometry, alignment)
         kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
         add_points(state.builder, points, kept, alignment)
-    possible = state.method.decode.azimuths * len(state.rig.projector.slits)
-    result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, points.sigma_mm.size / possible)
+    result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
     state.results.append(
         replace(result, points=_NOTHING, kept=_NOTHING.ring == 0)
     )  # the points live on in the map only
     return result
 
 
+def decode_yield(points: RingPoints, state: State) -> float:
+    """Share of all (slit, azimuth) places of the picture in which a slit was seen."""
+    camera, azimuths = state.rig.camera, state.method.decode.azimuths
+    turn = wall_angle_rad(points.pixel[:, 0] - camera.cx_px, points.pixel[:, 1] - camera.cy_px) / (2 * np.pi)
+    place = points.ring * azimuths + np.round(turn * azimuths).astype(np.int64) % azimuths
+    return np.unique(place).size / (azimuths * len(state.rig.projector.slits))
+
+
 def _launched(state: State, frame: Frame, points: RingPoints) -> Odometry:
     """Roll by gravity about the pipe's axis, which the first fit gives."""
     settings, align = state.method.localisation, REGISTRATIONS[state.method.registration.kind][1]
-    level = launch(frame, state.rig, FORWARD, settings)
+    level = launch(frame, state.rig, state.pipe.launch_mm, FORWARD, settings)
     first = align(points, state.pipe, predict(level, frame, state.rig, settings), state.method.registration)
-    return launch(frame, state.rig, first.T_pipe_camera[2, :3].copy(), settings) if first.converged else level
+    if not first.converged:
+        return level
+    return launch(frame, state.rig, state.pipe.launch_mm, first.T_pipe_camera[2, :3].copy(), settings)
 
 
 _NOTHING = RingPoints(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))

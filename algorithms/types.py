@@ -43,12 +43,16 @@ class Alignment:
 
 @dataclass(frozen=True)
 class WallMap:
-    """The wall unrolled: cells around (theta) by along (z), NaN or 0 where nothing was seen."""
+    """The wall unrolled: cells around (theta) by along (z), NaN or 0 where nothing was seen.
+
+    `spread_mm` is how far a cell's points scatter, `sigma_mm` the standard deviation that a typical one of them states.
+    """
 
     theta_rad: Float[np.ndarray, "around"]
     z_mm: Float[np.ndarray, "along"]
     radius_mm: Float[np.ndarray, "around along"]
     spread_mm: Float[np.ndarray, "around along"]
+    sigma_mm: Float[np.ndarray, "around along"]
     count: Int[np.ndarray, "around along"]
 
     @property
@@ -112,11 +116,11 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """The result of one scan; noise and threshold of the wall map at each distance, NaN where nothing was seen."""
+    """The result of one scan; noise and threshold of every cell, NaN where nothing was seen."""
 
     trajectory: Trajectory
     wall: WallMap
     deviation_mm: Float[np.ndarray, "around along"]
-    noise_mm: Float[np.ndarray, "along"]
-    threshold_mm: Float[np.ndarray, "along"]
+    noise_mm: Float[np.ndarray, "around along"]
+    threshold_mm: Float[np.ndarray, "around along"]
     defects: tuple[Defect, ...]

@@ -1,4 +1,4 @@
-"""The wall map: points of all frames gathered on a (theta, z) grid, robustly, in memory flat in the pipe's length."""
+"""The wall map: points of all frames gathered on a (theta, z) grid, robustly; points are let go as the robot passes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from numba import njit
 from pydantic import Field
 
+from algorithms.robust import MAD_TO_SIGMA
 from algorithms.types import Alignment, RingPoints, WallMap
 from sensor_model.geometry import apply, wall_angle_rad
 from sensor_model.recording import NominalPipe
@@ -17,7 +18,6 @@ from sensor_model.settings import Settings
 
 INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
 OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
-MAD_TO_SIGMA = 1.4826
 
 
 class MapSettings(Settings):
@@ -34,7 +34,7 @@ class MapBuilder:
 
     settings: MapSettings
     waiting: dict[int, list[np.ndarray]] = field(default_factory=dict)
-    done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+    done: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -79,19 +79,19 @@ def _close(builder: MapBuilder, block: int) -> None:
     around, along = builder.shape
     points = np.concatenate(builder.waiting.pop(block))
     order = np.argsort(points[:, 0], kind="stable")
-    radius, spread, count = _reduce(points[order].astype(np.float64), around * along)
-    cells = (radius.reshape(around, along), spread.reshape(around, along), count.reshape(around, along))
+    reduced = _reduce(points[order].astype(np.float64), around * along)
+    cells = tuple(part.reshape(around, along) for part in reduced)
     if block in builder.done:
         cells = _joined(builder.done[block], cells)
     builder.done[block] = cells
 
 
-def _joined(a: tuple, b: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    count = a[2] + b[2]
-    share = np.divide(b[2], count, out=np.zeros(count.shape), where=count > 0)
-    radius = np.where(a[2] == 0, b[0], np.where(b[2] == 0, a[0], (1 - share) * a[0] + share * b[0]))
-    spread = np.where(a[2] == 0, b[1], np.where(b[2] == 0, a[1], np.maximum(a[1], b[1])))
-    return radius, spread, count
+def _joined(a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    """Cells of both: the radius by the numbers of points, the larger of spreads and deviations."""
+    count = a[3] + b[3]
+    share = np.divide(b[3], count, out=np.zeros(count.shape), where=count > 0)
+    radius = np.where(a[3] == 0, b[0], np.where(b[3] == 0, a[0], (1 - share) * a[0] + share * b[0]))
+    return radius, np.fmax(a[1], b[1]), np.fmax(a[2], b[2]), count
 
 
 def finish_map(builder: MapBuilder) -> WallMap:
@@ -100,20 +100,22 @@ def finish_map(builder: MapBuilder) -> WallMap:
         _close(builder, block)
     around, along = builder.shape
     blocks = range(min(builder.done), max(builder.done) + 1) if builder.done else range(0)
-    empty = (np.full((around, along), np.nan), np.full((around, along), np.nan), np.zeros((around, along), np.int64))
-    parts = [builder.done.get(b, empty) for b in blocks]
-    radius, spread, count = (
-        (np.concatenate([part[k] for part in parts], axis=1) if parts else empty[k][:, :0]) for k in range(3)
-    )
+    nothing = np.full((around, along), np.nan)
+    empty = (nothing, nothing, nothing, np.zeros((around, along), np.int64))
+    parts = [builder.done.get(b, empty) for b in blocks] or [tuple(part[:, :0] for part in empty)]
+    radius, spread, sigma, count = (np.concatenate([part[k] for part in parts], axis=1) for k in range(4))
     theta = (np.arange(around) + 0.5) * 2 * np.pi / around
     z = (np.arange(len(blocks) * along) + (blocks[0] * along if blocks else 0) + 0.5) * builder.settings.cell_z_mm
-    return WallMap(theta, z, radius, spread, count)
+    return WallMap(theta, z, radius, spread, sigma, count)
 
 
 @njit(cache=True)
 def _reduce(points: Float[np.ndarray, "n 3"], cells: int):
-    """Weighted median and spread (MAD) of the radii in each cell; rows are (cell, radius, weight) sorted by cell."""
-    radius, spread = np.full(cells, np.nan), np.full(cells, np.nan)
+    """Weighted median, spread (MAD) and typical sigma of the radii in each cell, and their count.
+
+    Rows are (cell, radius, weight), sorted by cell.
+    """
+    radius, spread, sigma = np.full(cells, np.nan), np.full(cells, np.nan), np.full(cells, np.nan)
     count = np.zeros(cells, dtype=np.int64)
     n = points.shape[0]
     first = 0
@@ -125,9 +127,10 @@ def _reduce(points: Float[np.ndarray, "n 3"], cells: int):
         cell = int(points[first, 0])
         radius[cell] = _weighted_median(values, weights)
         spread[cell] = MAD_TO_SIGMA * np.median(np.abs(values - radius[cell]))
+        sigma[cell] = 1.0 / np.sqrt(np.mean(weights))
         count[cell] = last - first
         first = last
-    return radius, spread, count
+    return radius, spread, sigma, count
 
 
 @njit(cache=True)

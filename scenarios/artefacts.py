@@ -40,6 +40,7 @@ def write_reconstruction(found: Reconstruction, folder: Path) -> None:
         z_mm=wall.z_mm,
         radius_mm=wall.radius_mm.astype(np.float32),
         spread_mm=wall.spread_mm.astype(np.float32),
+        sigma_mm=wall.sigma_mm.astype(np.float32),
         count=wall.count.astype(np.int32),
         wall_dev_mm=found.deviation_mm.astype(np.float32),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from io import StringIO
-from math import hypot
+from math import hypot, pi
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -17,7 +17,7 @@ from scenarios.document import BadInput, Document, Keys, dotted, nearest, parse,
 from scenarios.scenario import Scenario
 from twin.drives import AnyDrive
 from twin.features import AnyFeature
-from twin.features.base import HALF_BOX_Z, Feature
+from twin.features.base import HALF_BOX_ARC, HALF_BOX_Z, Feature
 from twin.pipe import Pipe
 from twin.simulate import check_room
 
@@ -37,6 +37,8 @@ __all__ = [
 LIBRARY = Path(__file__).parent / "library"
 TOLERANCE_MM = 1e-9
 MOST_LINES = 50
+WHEEL_TOLERANCE = 0.02
+WIDEST_PLANAR_SHARE = 0.4  # of half the circumference: a flat floor cannot reach around
 
 FEATURE: TypeAdapter = TypeAdapter(AnyFeature)
 DRIVE: TypeAdapter = TypeAdapter(AnyDrive)
@@ -175,6 +177,7 @@ def whole_checks(scenario: Scenario) -> list[Fault]:
         check_room(scenario.pipe, scenario.robot, scenario.drive)
     except ValueError as error:
         faults.append(Fault(("drive",), scenario.drive.kind, str(error)))
+    faults += _rig_faults(scenario)
     wheels, errors = len(scenario.rig.wheels.diameters_mm), scenario.sensing.encoders.wheel_diameter_error_pct
     if wheels != scenario.robot.leg_count:
         allowed = f"one for each of the robot's {scenario.robot.leg_count} legs"
@@ -186,15 +189,38 @@ def whole_checks(scenario: Scenario) -> list[Fault]:
     return faults
 
 
+def _rig_faults(scenario: Scenario) -> Iterator[Fault]:
+    """What two rigs and a robot must agree on: the true one differs in calibration, not in kind."""
+    rig, true = scenario.rig, scenario.true_rig or scenario.rig
+    turned = 2 * scenario.robot.wheel_radius_mm
+    for i, diameter in enumerate(rig.wheels.diameters_mm):
+        if abs(diameter / turned - 1) > WHEEL_TOLERANCE:
+            allowed = f"the robot's wheels measure {turned:g} mm; small errors go into sensing.encoders"
+            yield Fault(("rig", "wheels", "diameters_mm", i), f"{diameter:g}", allowed)
+    if true.wheels != rig.wheels:
+        allowed = "as in rig; what wheels really roll goes into sensing.encoders.wheel_diameter_error_pct"
+        yield Fault(("true_rig", "wheels"), "other wheels", allowed)
+    size, expected = ((r.camera.width_px, r.camera.height_px) for r in (true, rig))
+    if size != expected:
+        yield Fault(("true_rig", "camera"), f"{size} px", f"a picture of {expected} px, as in rig")
+    if [s.name for s in true.projector.slits] != [s.name for s in rig.projector.slits]:
+        yield Fault(("true_rig", "projector", "slits"), "other colours", "the same colour pairs as in rig")
+
+
 def _feature_faults(pipe: Pipe, index: int, feature: Feature) -> Iterator[Fault]:
     keys: Keys = ("pipe", "features", index)
+    half_z, half_arc = (float(half) for half in feature.row()[[HALF_BOX_Z, HALF_BOX_ARC]])
+    widest = pi * pipe.bore_radius_mm * (WIDEST_PLANAR_SHARE if getattr(feature, "floor", "") == "planar" else 1.0)
+    if half_arc > widest:
+        allowed = f"would be {2 * half_arc:.4g} mm wide; at most {2 * widest:.4g} mm go around this bore"
+        yield Fault(keys, feature.kind, allowed)  # type: ignore[attr-defined]
+        return
     deepest = feature.size(pipe.bore_radius_mm).depth_mm
     if deepest > pipe.wall_mm + TOLERANCE_MM:
         at = "" if deepest == feature.depth_mm else f" ({deepest:.4g} mm where it is deepest)"
         allowed = f"must be at most the wall, {pipe.wall_mm:g} mm{at}"
         yield Fault((*keys, "depth_mm"), f"{feature.depth_mm:g}", allowed)
-    half = float(feature.row()[HALF_BOX_Z])
-    low, high = feature.distance_mm - half, feature.distance_mm + half
+    low, high = feature.distance_mm - half_z, feature.distance_mm + half_z
     if low < pipe.start_mm - TOLERANCE_MM or high > pipe.end_mm + TOLERANCE_MM:
         where = f"the {feature.kind} would reach from {low:g} to {high:g} mm"  # type: ignore[attr-defined]
         allowed = f"{where}, and the pipe from {pipe.start_mm:g} to {pipe.end_mm:g} mm"
@@ -221,7 +247,8 @@ def _sound_parts(data: dict) -> tuple[Pipe | None, dict[int, Feature], Any]:
         return None, {}, None
     listed = given.get("features", ())
     features = {i: _or_none(FEATURE, item) for i, item in enumerate(listed if isinstance(listed, tuple) else ())}
-    pipe = _or_none(TypeAdapter(Pipe), {**given, "features": ()})
+    known = {key: value for key, value in given.items() if key in Pipe.model_fields}
+    pipe = _or_none(TypeAdapter(Pipe), {**known, "features": ()})
     return pipe, {i: item for i, item in features.items() if item is not None}, _or_none(DRIVE, data.get("drive"))
 
 

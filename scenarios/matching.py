@@ -13,7 +13,7 @@ GATE_MM = 15.0  # a measured middle further than this outside the true outline i
 
 
 def match(pipe: Pipe, defects: tuple[Defect, ...]) -> list[tuple[int, int]]:
-    """Pairs (index of the true feature, index of the measured defect), each used once, the nearest first."""
+    """Pairs (index of the true feature, index of the measured defect), each used once, nearest in sum."""
     far = 1e9
     cost = np.full((len(pipe.features), len(defects)), far)
     for i, feature in enumerate(pipe.features):

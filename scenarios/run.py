@@ -19,7 +19,7 @@ from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
 from scenarios.load import scenario_yaml
 from scenarios.run_folder import run_folder
-from scenarios.scenario import Scenario
+from scenarios.scenario import Scenario, nominal_pipe
 from scenarios.score import FrameTally, Score, score, tally_frame
 from sensor_model.recording import Recording, SlitPixels, open_recording
 from sensor_model.sense import frame_times_s, sense
@@ -65,6 +65,7 @@ def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[s
         RunFailed: when a stage fails.
     """
     seconds: dict[str, float] = {}
+    peaks_kb: dict[int, int] = {}
     with run_folder(out) as folder:
         (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
         with _stage("drive", seconds):
@@ -73,18 +74,18 @@ def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[s
             save_truth(truth, folder / "truth")
             progress("drive", 1, 1)
         with _stage("sense", seconds):
-            recording = _sensed(scenario, truth, folder / "recording", workers, progress)
+            recording = _sensed(scenario, truth, folder / "recording", workers, peaks_kb, progress)
         with _stage("reconstruct", seconds):
-            found, tally, samples = _reconstructed(scenario, truth, recording, workers, progress)
+            found, tally, samples = _reconstructed(scenario, truth, recording, workers, peaks_kb, progress)
             write_reconstruction(found, folder / "reconstruction")
         with _stage("score", seconds):
             result = score(found, truth, tally)
-            (folder / "score.json").write_text(json.dumps(asdict(result), indent=1) + "\n")
+            (folder / "score.json").write_text(json.dumps(asdict(result), indent=1, allow_nan=False) + "\n")
         with _stage("report", seconds):
             from scenarios.report.page import write_report
 
             write_report(Run(scenario, truth, recording, found, result, samples), folder / "report.html")
-        (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds), indent=1) + "\n")
+        (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds, peaks_kb), indent=1) + "\n")
     return asdict(result)
 
 
@@ -99,16 +100,34 @@ def _stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
     seconds[name] = round(time.perf_counter() - start, 3)
 
 
-def _sensed(scenario: Scenario, truth: Truth, folder: Path, workers: int, progress: Report) -> Recording:
+def _sensed(
+    scenario: Scenario, truth: Truth, folder: Path, workers: int, peaks_kb: dict[int, int], progress: Report
+) -> Recording:
     true_rig = scenario.true_rig or scenario.rig
     total = len(frame_times_s(truth, scenario.sensing))
-    for done in sense(truth, true_rig, scenario.rig, scenario.sensing, scenario.seed, folder, workers):
+    frames = sense(
+        truth,
+        true_rig,
+        scenario.rig,
+        nominal_pipe(scenario),
+        scenario.sensing,
+        scenario.seed,
+        folder,
+        workers,
+        peaks_kb,
+    )
+    for done in frames:
         progress(f"sense ({scenario.sensing.fidelity})", done, total)
     return open_recording(folder)
 
 
 def _reconstructed(
-    scenario: Scenario, truth: Truth, recording: Recording, workers: int, progress: Report
+    scenario: Scenario,
+    truth: Truth,
+    recording: Recording,
+    workers: int,
+    peaks_kb: dict[int, int],
+    progress: Report,
 ) -> tuple[Reconstruction, FrameTally, tuple[Sample, ...]]:
     """The fold over the recording, with pictures decoded ahead by the workers and each frame's figures taken."""
     T_true = truth.pose_at(np.minimum(recording.frame_stamps_ns / 1e9, truth.time_s[-1]))
@@ -117,7 +136,7 @@ def _reconstructed(
     kept, samples = set(_sample_indices(truth, T_true)), []
     ahead = 1 if scenario.sensing.fidelity == "points" else workers
     jobs = ((str(recording.folder), index, scenario.method) for index in range(len(recording)))
-    for index, seen in enumerate(spread(_seen, jobs, ahead)):
+    for index, seen in enumerate(spread(_seen, jobs, ahead, peaks_kb)):
         result = step(state, recording.frame(index), seen)
         tally_frame(tally, result, T_true[index])
         if index in kept:
@@ -144,27 +163,31 @@ def _sample_indices(truth: Truth, T_true: np.ndarray) -> list[int]:
     return sorted({0, *nearest})[:SAMPLES]
 
 
-def provenance(scenario: Scenario, seconds: dict[str, float]) -> dict:
+def provenance(scenario: Scenario, seconds: dict[str, float], peaks_kb: dict[int, int]) -> dict:
     """What made this result: versions, seed, git state, seconds per stage, peak memory."""
     import platform
     import resource
     import subprocess
 
-    def git(*words: str) -> str:
+    def git(*words: str) -> str | None:
         here = Path(__file__).parent
-        done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=False)  # noqa: S603, S607
-        return done.stdout.strip() if done.returncode == 0 else "unknown"
+        try:
+            done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True)  # noqa: S603, S607
+        except (OSError, subprocess.CalledProcessError):
+            return None  # no git here, or no checkout: said as null
+        return done.stdout.strip()
 
+    changed = git("status", "--porcelain")
     packages = ("mujoco", "numpy", "scipy", "numba", "opencv-python-headless", "pyrender", "trimesh")
-    peak = [resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    peaks_mb = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, *(kb / 1024 for kb in peaks_kb.values())]
     return {
         "pipetwin": version("pipetwin"),
         "python": platform.python_version(),
         "packages": {name: version(name) for name in packages},
         "seed": scenario.seed,
         "git_commit": git("rev-parse", "HEAD"),
-        "git_changed": bool(git("status", "--porcelain")),
+        "git_changed": None if changed is None else bool(changed),
         "seconds": seconds,
         "seconds_total": round(sum(seconds.values()), 3),
-        "peak_memory_mb": {"this_process": round(peak[0]), "largest_worker": round(peak[1])},
+        "peak_memory_mb": {"this_process": round(peaks_mb[0]), "all_processes": round(sum(peaks_mb))},
     }

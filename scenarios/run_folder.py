@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import secrets
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 from scenarios.document import BadInput
 
 MARK = "run.json"  # the last file of a run; a folder without it is not ours to replace
+PARTS = {MARK, "scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html"}
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
@@ -53,10 +55,19 @@ def _check_replaceable(target: Path) -> None:
             raise BadInput([f"{target}: is there already and is no folder; choose another with -o"])
         if target.is_dir() and Path.cwd().is_relative_to(target):
             raise BadInput([f"{target}: is the folder you are in; choose another with -o"])
-        if target.is_dir() and not (target / MARK).is_file() and any(target.iterdir()):
+        if target.is_dir() and any(target.iterdir()) and not _is_run(target):
             raise BadInput([f"{target}: holds something that is no pipetwin run; choose another folder with -o"])
     except (OSError, ValueError) as error:
         raise BadInput([f"{target}: cannot be written: {_why(error)}; choose another folder with -o"]) from error
+
+
+def _is_run(folder: Path) -> bool:
+    """Whether a folder holds a run and nothing else."""
+    try:
+        said = json.loads((folder / MARK).read_text())
+    except (OSError, ValueError):
+        return False
+    return isinstance(said, dict) and "pipetwin" in said and {path.name for path in folder.iterdir()} <= PARTS
 
 
 def _why(error: Exception) -> str:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
 
 from algorithms.method import Method
+from sensor_model.recording import NominalPipe
 from sensor_model.rig import Rig, preset_rig
 from sensor_model.sense import Sensing
 from sensor_model.settings import Settings
@@ -33,6 +34,8 @@ class Scenario(Settings):
 
     `rig` is the nominal one, which goes with the recording and which the measurement believes: a name, or what differs
     from the preset. `true_rig` states only what really is different (a calibration error); the rest is as in `rig`.
+    `nominal_pipe` is what the operator writes down of the pipe; left out, it is the pipe without its features and
+    ovality, launched where the drive starts.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -40,6 +43,7 @@ class Scenario(Settings):
     pipe: Pipe
     robot: Robot = Robot()
     drive: AnyDrive
+    nominal_pipe: NominalPipe | None = None
     rig: AnyRig = preset_rig(PRESET)
     true_rig: Rig | None = None
     sensing: Sensing = Sensing()
@@ -53,6 +57,16 @@ class Scenario(Settings):
             return data
         base = _RIG.validate_python(data.get("rig", PRESET)).model_dump()
         return {**data, "true_rig": _merged(base, data["true_rig"])}
+
+
+def nominal_pipe(scenario: Scenario) -> NominalPipe:
+    """What the measurement is told of the pipe."""
+    if scenario.nominal_pipe is not None:
+        return scenario.nominal_pipe
+    pipe = scenario.pipe
+    return NominalPipe(
+        inner_radius_mm=pipe.bore_radius_mm, wall_thickness_mm=pipe.wall_mm, launch_mm=scenario.drive.start_mm
+    )
 
 
 def _merged(base: dict, changes: dict) -> dict:

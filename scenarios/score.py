@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from algorithms.types import FrameResult, Reconstruction
+from algorithms.types import FrameResult, Reconstruction, WallMap
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
 from scenarios.matching import match
 from scenarios.oracle import oracle_err_pct
 from sensor_model.geometry import apply, fisheye_rays, half_angle_rad, twist_about_z_rad, wall_angle_rad, wrap_rad
 from sensor_model.points import first_wall_points
 from sensor_model.rig import Rig
+from twin.features.base import Feature
 from twin.pipe import Pipe
 from twin.truth import Truth
 
@@ -52,8 +53,8 @@ class Score:
     decode_yield: float
     not_seen_share: float | None
     wrong_words: float
-    map_rms_mm: float
-    seen_share: float
+    map_rms_mm: float | None
+    seen_share: float | None
 
 
 MEANINGS = {
@@ -188,7 +189,7 @@ def _clock_spread_deg(rows: list) -> float | None:
         abs(float(np.degrees(wrap_rad(a[1].theta_rad - b[1].theta_rad))))
         for k, a in enumerate(rows)
         for b in rows[k + 1 :]
-        if abs(a[2].clock_deg - b[2].clock_deg) < SAME_CLOCK_DEG
+        if abs(wrap_rad(np.radians(a[2].clock_deg - b[2].clock_deg))) < np.radians(SAME_CLOCK_DEG)
     ]
     return max(spread) if spread else None
 
@@ -253,20 +254,30 @@ def _map(found: Reconstruction, truth: Truth) -> dict:
     wall, pipe = found.wall, truth.pipe
     scanned = wall.scanned()
     radius, z = wall.radius_mm[:, scanned], wall.z_mm[scanned]
-    true = pipe.radius(wall.theta_rad[:, None], z[None, :])
     seen = np.isfinite(radius)
-    floor = np.zeros(seen.shape, dtype=bool)
-    for feature in pipe.features:
-        size = feature.size(pipe.bore_radius_mm)
-        near = np.abs(z - feature.distance_mm)[None, :] <= size.length_mm / 2
-        arc = wrap_rad(wall.theta_rad - np.radians(feature.clock_deg)) * pipe.bore_radius_mm
-        near = near & (np.abs(arc)[:, None] <= size.width_mm / 2)
-        floor |= near & (true - pipe.bore_radius_mm > size.depth_mm / 2)
+    error = (radius - pipe.radius(wall.theta_rad[:, None], z[None, :]))[seen]
+    hidden = [share for feature in pipe.features for share in _hidden_floor(wall, pipe, feature)]
     return {
-        "not_seen_share": float(np.mean(~seen[floor])) if floor.any() else None,
-        "map_rms_mm": float(np.sqrt(np.mean((radius - true)[seen] ** 2))),
-        "seen_share": float(seen.mean()),
+        "not_seen_share": float(np.mean(hidden)) if hidden else None,
+        "map_rms_mm": float(np.sqrt(np.mean(error**2))) if error.size else None,
+        "seen_share": float(seen.mean()) if seen.size else None,
     }
 
 
-NAMES = [entry.name for entry in fields(Score)]
+def _hidden_floor(wall: WallMap, pipe: Pipe, feature: Feature) -> Bool[np.ndarray, "cells"]:
+    """For every cell of a feature's floor (deeper than half its depth): whether no point fell into it.
+
+    The cells are the map's, continued over what the scan never reached.
+    """
+    size = feature.size(pipe.bore_radius_mm)
+    cell = wall.z_mm[1] - wall.z_mm[0] if wall.z_mm.size > 1 else 1.0
+    start = wall.z_mm[0] if wall.z_mm.size else 0.5 * cell
+    low, high = feature.distance_mm - size.length_mm / 2, feature.distance_mm + size.length_mm / 2
+    row = np.arange(np.ceil((low - start) / cell), np.floor((high - start) / cell) + 1).astype(np.int64)
+    arc = wrap_rad(wall.theta_rad - np.radians(feature.clock_deg)) * pipe.bore_radius_mm
+    column = np.flatnonzero(np.abs(arc) <= size.width_mm / 2)
+    floor = pipe.radius(wall.theta_rad[column, None], start + row[None, :] * cell) - pipe.bore_radius_mm
+    inside = (row >= 0) & (row < wall.z_mm.size)
+    seen = np.zeros(floor.shape, dtype=bool)
+    seen[:, inside] = wall.seen[np.ix_(column, row[inside])]
+    return ~seen[floor > size.depth_mm / 2]

@@ -16,7 +16,7 @@ from twin.truth import Truth
 
 
 class EncoderNoise(Settings):
-    """Errors of the encoders: how much larger each wheel really is than the rig says."""
+    """Errors of the encoders: how much larger each wheel really rolls than its stated diameter."""
 
     update_rate: Annotated[float, Field(gt=1, le=1000)] = 100.0
     wheel_diameter_error_pct: tuple[float, ...] = (0.0, 0.0, 0.0)

@@ -23,7 +23,8 @@ class ImuNoise(Settings):
     """Errors of the IMU under Kalibr's names and units (continuous time); every one has a zero.
 
     `attitude_*` describe the device's own fused quaternion: white noise, and a slow drift with a correlation time;
-    `quaternion_rounding` is the step to which it is logged (0.01 in the real log; 0 for none).
+    `quaternion_rounding` is the step to which it is logged (0.01 in the real log; 0 for none). `rostopic` has no use
+    here: it is in Kalibr's `imu.yaml`, which can so be pasted in.
     """
 
     update_rate: Annotated[float, Field(gt=1, le=1000)] = 100.0
@@ -37,6 +38,7 @@ class ImuNoise(Settings):
     attitude_drift_deg: NonNegative = 0.2
     attitude_drift_time_s: Annotated[float, Field(gt=0)] = 20.0
     quaternion_rounding: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    rostopic: str = ""
 
 
 NO_IMU_NOISE = ImuNoise(

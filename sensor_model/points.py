@@ -9,7 +9,7 @@ from jaxtyping import Float
 from numba import njit
 from pydantic import Field
 
-from sensor_model.geometry import fisheye_project, wrap_rad
+from sensor_model.geometry import fisheye_project, wall_angle_rad, wrap_rad
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
@@ -48,14 +48,17 @@ def see_slits(
     )
     seen = np.isfinite(lit[:, 0])
     seen[seen] &= in_sight(pipe.wall, lit[seen], T_pipe_camera[:3, 3].copy())
-    if not pipe.backed:
-        seen[seen] &= np.hypot(lit[seen, 0], lit[seen, 1]) < pipe.outer_radius_mm - 1e-3
+    seen[seen] &= ~pipe.through(wall_angle_rad(lit[seen, 0], lit[seen, 1]), lit[seen, 2])
     # the strut's soft edge passes half the light at its stated width
     seen &= (
         np.abs(wrap_rad(azimuth - np.radians(projector.strut_clock_deg))) > np.radians(projector.strut_width_deg) / 2
     )
-    at_camera = np.tan(alpha) * -projector.apex_mm[2]
-    seen &= at_camera > projector.housing_radius_mm
+    rays_camera = rays @ projector.T_camera_projector[:3, :3].T
+    apex = np.array(projector.apex_mm)
+    at_camera = apex[:2] - rays_camera[:, :2] * (
+        apex[2] / rays_camera[:, 2:]
+    )  # where light passes the camera's housing
+    seen &= np.linalg.norm(at_camera, axis=1) > projector.housing_radius_mm
     seen &= rng.random(slit.size) >= noise.drop_out_share
     jitter = (
         rng.standard_normal(slit.size) * noise.pixel_noise_px

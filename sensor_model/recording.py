@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import zipfile
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +18,11 @@ from scipy.spatial.transform import Rotation, Slerp
 from sensor_model.rig import AnySettings, Rig, load_settings, save_settings
 from sensor_model.settings import Settings
 
-MAX_PICTURE_BYTES = 64 * 2**20
+MAX_FILE_BYTES = 64 * 2**20
+MAX_LOG_BYTES = 2**30
+STAMP_DIGITS = 18
+QUATERNION_TOLERANCE = 0.05
+LATE_S = 0.2  # how far a frame may lie outside the other sensors' logs
 COLUMNS = {
     "imu0": "w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]",
@@ -33,6 +39,8 @@ class NominalPipe(Settings):
 
     inner_radius_mm: Annotated[float, Field(gt=5)]
     wall_thickness_mm: Annotated[float, Field(gt=0)]
+    launch_mm: float = 0.0
+    """Where along the pipe the camera stands as the log begins."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +105,7 @@ class Recording:
         """
         frame, file = self.frame(index), self.folder / self.frame_files[index]
         if file.suffix == ".npz":
-            return replace(frame, slit_pixels=_read_slit_pixels(file))
+            return replace(frame, slit_pixels=_read_slit_pixels(file, len(self.rig.projector.slits)))
         return replace(frame, picture=self._read_picture(file))
 
     def frame(self, index: int) -> Frame:
@@ -121,23 +129,63 @@ class Recording:
 
         if not file.is_file():
             raise BadRecording(f"{file}: missing picture, named in {file.parent.parent / 'data.csv'}")
-        if file.stat().st_size > MAX_PICTURE_BYTES:
-            raise BadRecording(f"{file}: picture of {file.stat().st_size} bytes, at most {MAX_PICTURE_BYTES}")
-        picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
-        if picture is None:
-            raise BadRecording(f"{file}: not a picture that can be read")
+        _check_size(file)
         expected = (self.rig.camera.height_px, self.rig.camera.width_px)
-        if picture.shape[:2] != expected:
-            raise BadRecording(f"{file}: picture of {picture.shape[:2]} rows, columns; the rig's camera has {expected}")
+        # the header first: a small file can unpack to a huge picture
+        size = _png_size(file)
+        if size != expected:
+            raise BadRecording(f"{file}: picture of {size} rows, columns; the rig's camera has {expected}")
+        picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
+        if picture is None or picture.shape[:2] != expected:
+            raise BadRecording(f"{file}: not a picture that can be read")
         return picture
 
 
-def _read_slit_pixels(file: Path) -> SlitPixels:
+def _check_size(file: Path) -> None:
+    size = file.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise BadRecording(f"{file}: {size} bytes; at most {MAX_FILE_BYTES}")
+
+
+def _png_size(file: Path) -> tuple[int, int]:
+    """Rows and columns that a PNG's header states.
+
+    Raises:
+        BadRecording: when it is no PNG.
+    """
+    with file.open("rb") as start:
+        head = start.read(24)
+    if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR":
+        raise BadRecording(f"{file}: not a picture that can be read: no PNG")
+    return int.from_bytes(head[20:24], "big"), int.from_bytes(head[16:20], "big")
+
+
+def _read_slit_pixels(file: Path, slits: int) -> SlitPixels:
+    """Slit pixels of one frame, checked before anything compiled, which looks at no bounds, reads them."""
+    if not file.is_file():
+        raise BadRecording(f"{file}: missing frame, named in {file.parent.parent / 'data.csv'}")
+    _check_size(file)
     try:
+        with zipfile.ZipFile(file) as parts:
+            unpacked = sum(part.file_size for part in parts.infolist())
+        if unpacked > MAX_FILE_BYTES:
+            raise BadRecording(f"{file}: unpacks to {unpacked} bytes; at most {MAX_FILE_BYTES}")
         with np.load(file, allow_pickle=False) as arrays:
-            return SlitPixels(arrays["pixel"], arrays["slit"], arrays["sigma_px"])
-    except (OSError, KeyError, ValueError) as error:
+            pixel, slit, sigma = arrays["pixel"], arrays["slit"], arrays["sigma_px"]
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
+    n = slit.size
+    if (pixel.shape, slit.shape, sigma.shape) != ((n, 2), (n,), (n,)):
+        raise BadRecording(
+            f"{file}: shapes {pixel.shape}, {slit.shape}, {sigma.shape}; (n, 2), (n,), (n,) are expected"
+        )
+    if pixel.dtype != np.float64 or slit.dtype != np.int64 or sigma.dtype != np.float64:
+        raise BadRecording(f"{file}: {pixel.dtype}, {slit.dtype}, {sigma.dtype}; float64, int64, float64 are expected")
+    if not (np.isfinite(pixel).all() and np.isfinite(sigma).all() and (sigma > 0).all()):
+        raise BadRecording(f"{file}: pixels and sigma_px must be finite, sigma_px positive")
+    if n and not 0 <= slit.min() <= slit.max() < slits:
+        raise BadRecording(f"{file}: slits from {slit.min()} to {slit.max()}; the rig has 0 to {slits - 1}")
+    return SlitPixels(pixel, slit, sigma)
 
 
 def _write_csv(path: Path, header: str, stamps_ns: np.ndarray, columns: np.ndarray, fmt: str) -> None:
@@ -182,27 +230,18 @@ def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         BadRecording: naming file, line and value.
     """
-    if not path.is_file():
-        raise BadRecording(f"{path}: missing")
     stamps: list[int] = []
     rows: list[list[float]] = []
-    with path.open(newline="") as file:
-        for line, row in enumerate(csv.reader(file), start=1):
-            if not row or row[0].startswith("#"):
-                continue
-            columns = columns or len(row) - 1
-            try:
-                stamp, values = int(row[0]), [float(v) for v in row[1:]]
-            except ValueError as error:
-                raise BadRecording(
-                    f"{path}:{line}: {error}; a stamp in ns and {columns} numbers are expected"
-                ) from None
-            if len(values) != columns or not np.all(np.isfinite(values)):
-                raise BadRecording(f"{path}:{line}: {row[1:]}; {columns} finite numbers are expected")
-            if stamps and stamp <= stamps[-1]:
-                raise BadRecording(f"{path}:{line}: stamp {stamp} does not come after {stamps[-1]}")
-            stamps.append(stamp)
-            rows.append(values)
+    for line, row in _csv_rows(path):
+        columns = columns or len(row) - 1
+        try:
+            values = [float(v) for v in row[1:]]
+        except ValueError as error:
+            raise BadRecording(f"{path}:{line}: {error}; a stamp in ns and {columns} numbers are expected") from None
+        if len(values) != columns or not np.all(np.isfinite(values)):
+            raise BadRecording(f"{path}:{line}: {row[1:]}; {columns} finite numbers are expected")
+        stamps.append(_stamp_ns(path, line, row[0], stamps))
+        rows.append(values)
     if len(stamps) < 2:
         raise BadRecording(f"{path}: {len(stamps)} rows; at least 2 are needed")
     return np.array(stamps, dtype=np.int64), np.array(rows)
@@ -219,7 +258,17 @@ def open_recording(folder: Path) -> Recording:
     imu_stamps, imu = _read_csv(folder / "imu0" / "data.csv", 6)
     orientation_stamps, q = _read_csv(folder / "orientation0" / "data.csv", 4)
     encoder_stamps, counts = _read_csv(folder / "encoders0" / "data.csv", len(rig.wheels.diameters_mm))
+    lengths = np.linalg.norm(q, axis=1)
+    if (np.abs(lengths - 1) > QUATERNION_TOLERANCE).any():
+        row = int(np.argmax(np.abs(lengths - 1)))
+        where = f"{folder / 'orientation0' / 'data.csv'}: at stamp {orientation_stamps[row]}"
+        raise BadRecording(f"{where}: a quaternion of length {lengths[row]:.3g}; 1 is expected")
     stamps, files = _read_frame_list(folder)
+    for name, log in (("imu0", imu_stamps), ("orientation0", orientation_stamps), ("encoders0", encoder_stamps)):
+        outside = stamps[(stamps < log[0] - LATE_S * 1e9) | (stamps > log[-1] + LATE_S * 1e9)]
+        if outside.size:
+            covered = f"{folder / name / 'data.csv'} goes from {log[0]} to {log[-1]} ns"
+            raise BadRecording(f"{covered}; it says nothing of {outside.size} frames, the first at {outside[0]} ns")
     return Recording(
         folder,
         rig,
@@ -248,15 +297,39 @@ def _read_frame_list(folder: Path) -> tuple[np.ndarray, tuple[str, ...]]:
         raise BadRecording(f"{path}: missing (it is written last: the recording may be unfinished)")
     stamps: list[int] = []
     files: list[str] = []
-    with path.open(newline="") as file:
-        for line, row in enumerate(csv.reader(file), start=1):
-            if not row or row[0].startswith("#"):
-                continue
-            name = row[1].strip() if len(row) == 2 else ""
-            if not row[0].isdigit() or Path(name).name != name or Path(name).suffix not in (".png", ".npz"):
-                raise BadRecording(f"{path}:{line}: {row}; a stamp in ns and a plain file name (png) are expected")
-            if stamps and int(row[0]) <= stamps[-1]:
-                raise BadRecording(f"{path}:{line}: stamp {row[0]} does not come after {stamps[-1]}")
-            stamps.append(int(row[0]))
-            files.append(f"cam0/data/{name}")
+    for line, row in _csv_rows(path):
+        name = row[1].strip() if len(row) == 2 else ""
+        if Path(name).name != name or Path(name).suffix not in (".png", ".npz"):
+            raise BadRecording(f"{path}:{line}: {row}; a stamp in ns and a plain file name (png) are expected")
+        stamps.append(_stamp_ns(path, line, row[0], stamps))
+        files.append(f"cam0/data/{name}")
     return np.array(stamps, dtype=np.int64), tuple(files)
+
+
+def _csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and fields of a log, without its comments.
+
+    Raises:
+        BadRecording: for a file that is missing, too large, or no text.
+    """
+    if not path.is_file():
+        raise BadRecording(f"{path}: missing")
+    if path.stat().st_size > MAX_LOG_BYTES:
+        raise BadRecording(f"{path}: {path.stat().st_size} bytes; at most {MAX_LOG_BYTES}")
+    line = 0
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            for line, row in enumerate(csv.reader(file), start=1):
+                if row and not row[0].startswith("#"):
+                    yield line, row
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadRecording(f"{path}:{line + 1}: {error}") from error
+
+
+def _stamp_ns(path: Path, line: int, text: str, before: list[int]) -> int:
+    """A stamp that comes after the last one."""
+    if not (text.isascii() and text.isdigit() and len(text) <= STAMP_DIGITS):
+        raise BadRecording(f"{path}:{line}: {text!r}; a stamp in ns, at most {STAMP_DIGITS} digits, is expected")
+    if before and int(text) <= before[-1]:
+        raise BadRecording(f"{path}:{line}: stamp {text} does not come after {before[-1]}")
+    return int(text)

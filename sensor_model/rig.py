@@ -56,7 +56,7 @@ class Projector(Settings):
 
     apex_mm: Vector3
     axis: Vector3
-    slits: tuple[Slit, ...]
+    slits: Annotated[tuple[Slit, ...], Field(min_length=1, max_length=64)]
     slit_width_deg: Annotated[float, Field(gt=0, le=2)]
     inner_half_angle_deg: Annotated[float, Field(gt=0)]
     outer_half_angle_deg: Annotated[float, Field(lt=80)]
@@ -67,6 +67,8 @@ class Projector(Settings):
 
     @model_validator(mode="after")
     def _in_order(self) -> Projector:
+        if not any(self.axis):
+            raise ValueError("axis must have a length")
         angles = [self.inner_half_angle_deg, *(s.half_angle_deg for s in self.slits), self.outer_half_angle_deg]
         if any(b - a <= self.slit_width_deg for a, b in pairwise(angles)):
             raise ValueError(
@@ -110,7 +112,7 @@ class ImuMount(Settings):
 class Wheels(Settings):
     """The encoder wheels: what Eq. 25 needs of them."""
 
-    diameters_mm: tuple[Annotated[float, Field(gt=0)], ...]
+    diameters_mm: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1, max_length=16)]
     counts_per_turn: Annotated[int, Field(gt=0)]  # 7 PPR x 4 x 603 (section 3.3)
 
 
@@ -140,11 +142,16 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
     """
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
+    from ruamel.yaml.events import AliasEvent
 
     if path.stat().st_size > MAX_SETTINGS_BYTES:
         raise ValueError(f"{path.stat().st_size} bytes; at most {MAX_SETTINGS_BYTES}")
+    yaml, text = YAML(typ="safe", pure=True), path.read_text()
     try:
-        return kind.model_validate(YAML(typ="safe", pure=True).load(path.read_text()))
+        # an alias has no use in settings, and a few lines of them unfold without bounds
+        if any(isinstance(event, AliasEvent) for event in yaml.parse(text)):
+            raise ValueError("aliases (*name) are not taken")
+        return kind.model_validate(yaml.load(text))
     except YAMLError as error:
         raise ValueError(f"not YAML: {error}") from error
 

@@ -41,11 +41,19 @@ def frame_times_s(truth: Truth, sensing: Sensing) -> np.ndarray:
 
 
 def sense(
-    truth: Truth, true_rig: Rig, nominal_rig: Rig, sensing: Sensing, seed: int, folder: Path, workers: int = 1
+    truth: Truth,
+    true_rig: Rig,
+    nominal_rig: Rig,
+    nominal_pipe: NominalPipe,
+    sensing: Sensing,
+    seed: int,
+    folder: Path,
+    workers: int = 1,
+    peaks_kb: dict[int, int] | None = None,
 ) -> Iterator[int]:
     """Write what a robot would have written, and yield the number of frames done as it goes.
 
-    The true rig makes the measurements; the nominal one goes with the recording. `cam0/data.csv` comes last.
+    The true rig makes the measurements; nominal rig and pipe go with the recording. `cam0/data.csv` comes last.
 
     Raises:
         ValueError: when rig and truth do not fit together.
@@ -53,8 +61,9 @@ def sense(
     imu = measure_imu(truth, true_rig.imu, sensing.imu, stream(seed, "imu"), stream(seed, "attitude"))
     encoders = measure_encoders(truth, true_rig.wheels, sensing.encoders)
     logs = np.hstack([imu.gyro_rad_s, imu.acceleration_m_s2])
-    pipe = NominalPipe(inner_radius_mm=truth.pipe.bore_radius_mm, wall_thickness_mm=truth.pipe.wall_mm)
-    write_logs(folder, nominal_rig, pipe, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, encoders.counts)
+    write_logs(
+        folder, nominal_rig, nominal_pipe, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, encoders.counts
+    )
 
     times = frame_times_s(truth, sensing)
     poses = truth.pose_at(np.minimum(times, truth.time_s[-1]))
@@ -66,7 +75,7 @@ def sense(
         for index, (pose, stamp) in enumerate(zip(poses, stamps, strict=True))
     ]
     # slit pixels are found faster than a worker starts
-    finished = spread(write_frame, jobs, 1 if sensing.fidelity == "points" else workers)
+    finished = spread(write_frame, jobs, 1 if sensing.fidelity == "points" else workers, peaks_kb)
     yield from (done for done, _ in enumerate(finished, start=1))
     write_frame_list(folder, stamps, suffix)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 S = TypeVar("S", bound="Settings")
 CLOCK = re.compile(r"(1[0-2]|[1-9]):([0-5]\d)")
@@ -40,5 +40,5 @@ def _clock_to_deg(value: Any) -> Any:
     return value
 
 
-ClockDeg = Annotated[float, BeforeValidator(_clock_to_deg, json_schema_input_type=float | str)]
+ClockDeg = Annotated[float, BeforeValidator(_clock_to_deg, json_schema_input_type=float | str), Field(ge=0, le=360)]
 """Degrees clockwise from 12 o'clock, seen along +z; a clock position "4:00" is understood."""

@@ -40,6 +40,7 @@ class Odometry:
     axis_camera: Float[np.ndarray, "3"]
     roll: RollState | None
     distances_mm: Float[np.ndarray, "wheels"]
+    launch_mm: float
     travel_mm: float
 
 
@@ -57,8 +58,10 @@ def camera_attitude(frame: Frame, rig: Rig) -> Float[np.ndarray, "3 3"]:
     return rotation_from_wxyz(frame.q_world_imu_wxyz) @ rig.imu.R_camera_imu.T
 
 
-def launch(frame: Frame, rig: Rig, axis_camera: Float[np.ndarray, "3"], settings: OdometrySettings) -> Odometry:
-    """The start of the log: roll by gravity, travel zero."""
+def launch(
+    frame: Frame, rig: Rig, launch_mm: float, axis_camera: Float[np.ndarray, "3"], settings: OdometrySettings
+) -> Odometry:
+    """The start of the log: roll by gravity, travel zero from where the operator launched."""
     R_world_camera = camera_attitude(frame, rig)
     return Odometry(
         R_pipe_camera_1=level_attitude(-R_world_camera[2], axis_camera),
@@ -66,6 +69,7 @@ def launch(frame: Frame, rig: Rig, axis_camera: Float[np.ndarray, "3"], settings
         axis_camera=axis_camera,
         roll=begin_roll(frame, rig, axis_camera, settings.roll_filter) if settings.roll == "kalman" else None,
         distances_mm=wheel_distances_mm(frame.counts, rig),
+        launch_mm=launch_mm,
         travel_mm=0.0,
     )
 
@@ -98,4 +102,6 @@ def predict(odometry: Odometry, frame: Frame, rig: Rig, settings: OdometrySettin
     information = np.zeros((6, 6))
     information[2, 2] = travel_std**-2
     information[5, 5] = roll_std**-2
-    return Alignment(transform(R_pipe_camera, np.array([0.0, 0.0, odometry.travel_mm])), information)
+    return Alignment(
+        transform(R_pipe_camera, np.array([0.0, 0.0, odometry.launch_mm + odometry.travel_mm])), information
+    )

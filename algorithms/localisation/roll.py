@@ -10,7 +10,7 @@ from jaxtyping import Float
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from algorithms.localisation.upright import level_attitude
+from algorithms.localisation.upright import is_vertical, level_attitude
 from sensor_model.geometry import GRAVITY_M_S2, twist_about_z_rad, wrap_rad
 from sensor_model.recording import Frame
 from sensor_model.rig import Rig
@@ -65,7 +65,7 @@ def next_roll(
     F = np.array([[1.0, -dt], [0.0, 1.0]])
     Q = np.diag([settings.gyroscope_noise_density**2 * dt, settings.gyroscope_random_walk**2 * dt])
     x, P = predict(state.x, state.P, F=F, Q=Q, u=np.array([rate * dt, 0.0]), B=np.eye(2))
-    if len(frame.imu):
+    if len(frame.imu) and not is_vertical(_down_camera(frame, rig), axis_camera):
         # the samples' mean is that of their middle, and the nearest turn of it, so that passing 12 o'clock is no jump
         late_s = (frame.stamp_ns - float(frame.imu_stamps_ns.mean())) / 1e9
         seen = _roll_by_gravity(frame, rig, axis_camera) + (rate - x[1]) * late_s
@@ -83,8 +83,12 @@ def attitude(state: RollState, axis_camera: Float[np.ndarray, "3"]) -> Float[np.
 
 def _roll_by_gravity(frame: Frame, rig: Rig, axis_camera: np.ndarray) -> float:
     """Roll at which the specific force points up; acceleration along the pipe does not enter."""
-    down_camera = -rig.imu.R_camera_imu @ frame.imu[:, 3:].mean(axis=0)
-    return float(twist_about_z_rad(level_attitude(down_camera / np.linalg.norm(down_camera), axis_camera)))
+    return float(twist_about_z_rad(level_attitude(_down_camera(frame, rig), axis_camera)))
+
+
+def _down_camera(frame: Frame, rig: Rig) -> Float[np.ndarray, "3"]:
+    down = -rig.imu.R_camera_imu @ frame.imu[:, 3:].mean(axis=0)
+    return down / np.linalg.norm(down)
 
 
 def _gravity_std_rad(frame: Frame, settings: RollFilterSettings) -> float:

@@ -8,6 +8,11 @@ from jaxtyping import Float
 VERTICAL_COSINE = 0.98
 
 
+def is_vertical(down_camera: Float[np.ndarray, "3"], axis_camera: Float[np.ndarray, "3"]) -> bool:
+    """Whether the pipe stands so upright that gravity says nothing of roll."""
+    return bool(abs(down_camera @ axis_camera) > VERTICAL_COSINE)
+
+
 def level_attitude(
     down_camera: Float[np.ndarray, "3"], axis_camera: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3 3"]:
@@ -15,7 +20,7 @@ def level_attitude(
 
     In a vertical pipe gravity says nothing of roll; there the camera's own upright is the datum.
     """
-    if abs(down_camera @ axis_camera) > VERTICAL_COSINE:
+    if is_vertical(down_camera, axis_camera):
         down_camera = np.array([0.0, 1.0, 0.0])
     y = down_camera - (down_camera @ axis_camera) * axis_camera
     y /= np.linalg.norm(y)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from numba import njit
 from pydantic import Field
 
+from algorithms.robust import MAD_TO_SIGMA
 from algorithms.types import Alignment, RingPoints
 from sensor_model.geometry import swing_onto, transform
 from sensor_model.recording import NominalPipe
@@ -19,7 +20,6 @@ SAMPLE_STEPS, SAMPLE_DAMPING = 4, 1e-3
 SUBSAMPLE = 600
 REFINEMENTS = 20
 MIN_POINTS = 30
-MAD_TO_SIGMA = 1.4826
 SEED = 20230139  # the sampling is part of the method: the same points give the same pose
 
 

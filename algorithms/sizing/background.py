@@ -7,12 +7,12 @@ import warnings
 import numpy as np
 from jaxtyping import Float
 
+from algorithms.robust import MAD_TO_SIGMA, spread
 from algorithms.types import WallMap
 
 BLOCK_MM = 200.0
 NOISE_WINDOW_MM = 10.0
 HARMONICS = 2
-MAD_TO_SIGMA = 1.4826
 ROUNDS = 10
 
 
@@ -73,18 +73,20 @@ def _shift_along(values: np.ndarray, move: int) -> np.ndarray:
     return out
 
 
-def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Float[np.ndarray, "along"]:
-    """Robust standard deviation of the undamaged wall at each distance; NaN where nothing was seen.
+def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Float[np.ndarray, "around along"]:
+    """Standard deviation of the undamaged wall in every cell; NaN where nothing was seen.
 
-    It is taken around the wall in a window along z, because it changes: where a scan begins and ends only one ring,
-    the innermost or the outermost, has seen the wall.
+    How cells differ is known from the rings that saw them: the innermost is the least sharp, and sees alone where a
+    scan ends or the strut passed. How large it all is, is not: that is taken from the map, robustly around the wall and
+    in a window along it.
     """
     cell_mm = wall.z_mm[1] - wall.z_mm[0] if wall.z_mm.size > 1 else 1.0
     half = max(round(NOISE_WINDOW_MM / cell_mm / 2), 1)
-    out = np.full(wall.z_mm.size, np.nan)
-    for row in range(out.size):
-        near = deviation[:, max(row - half, 0) : row + half + 1]
+    relative = deviation / wall.sigma_mm
+    out = np.full(deviation.shape, np.nan)
+    for row in range(wall.z_mm.size):
+        near = relative[:, max(row - half, 0) : row + half + 1]
         seen = near[np.isfinite(near)]
         if seen.size:
-            out[row] = MAD_TO_SIGMA * float(np.median(np.abs(seen - np.median(seen))))
+            out[:, row] = spread(seen) * wall.sigma_mm[:, row]
     return out

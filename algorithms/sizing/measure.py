@@ -8,7 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from pydantic import Field
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from algorithms.robust import spread
 from algorithms.sizing.thresholds import ThresholdSettings
 from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
@@ -49,17 +52,18 @@ def segment(
     near = ndimage.grey_dilation(
         deep.astype(np.uint8), size=(2 * reach_arc + 1, 2 * reach_z + 1), mode=("wrap", "constant")
     )
-    labels, _ = ndimage.label(near, structure=np.ones((3, 3)))
-    for a, b in {(a, b) for a, b in zip(labels[0], labels[-1], strict=True) if a and b and a != b}:
-        labels[labels == max(a, b)] = min(a, b)
-    return np.where(deep, labels, 0)
+    # a row repeated at the far end carries labels over the seam; groups that it links are one
+    labels, found = ndimage.label(np.vstack([near, near[:1]]), structure=np.ones((3, 3)))
+    links = labels[0] > 0
+    graph = coo_array((np.ones(links.sum()), (labels[0][links], labels[-1][links])), shape=(found + 1, found + 1))
+    return np.where(deep, connected_components(graph, directed=False)[1][labels[:-1]], 0)
 
 
 def measure_defects(
     wall: WallMap,
     deviation_mm: Float[np.ndarray, "around along"],
-    threshold_mm: Float[np.ndarray, "along"],
-    noise_mm: Float[np.ndarray, "along"],
+    threshold_mm: Float[np.ndarray, "around along"],
+    noise_mm: Float[np.ndarray, "around along"],
     pipe: NominalPipe,
     steepest_light_rad: float,
     settings: SizingSettings,
@@ -79,7 +83,7 @@ def measure_one(
     wall: WallMap,
     deviation_mm: Float[np.ndarray, "around along"],
     cells: Bool[np.ndarray, "around along"],
-    noise_mm: Float[np.ndarray, "along"],
+    noise_mm: Float[np.ndarray, "around along"],
     pipe: NominalPipe,
     steepest_light_rad: float,
 ) -> Defect:
@@ -98,8 +102,8 @@ def measure_one(
     shadow_cells_per_mm = 1 / (np.tan(steepest_light_rad) * cell_z)
     axial = _extent([_line(deviation[c], floor[c], depth / 2, shadow_cells_per_mm) for c in columns], cell_z)
     arc = _extent([_line(deviation[:, r], floor[:, r], depth / 2) for r in rows], cell_arc)
-    half_turn = 2 * np.pi / wall.theta_rad.size
-    theta = wall.theta_rad[0] + ((arc.start_mm + arc.end_mm) / 2 / cell_arc - turn) * half_turn
+    cell_rad = 2 * np.pi / wall.theta_rad.size
+    theta = wall.theta_rad[0] + ((arc.start_mm + arc.end_mm) / 2 / cell_arc - turn) * cell_rad
     box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
     level = deviation[floor]
     scanned = wall.scanned()
@@ -112,7 +116,9 @@ def measure_one(
         wall_loss_pct=100 * depth / pipe.wall_thickness_mm,
         length_std_mm=axial.std_mm,
         width_std_mm=arc.std_mm,
-        depth_std_mm=float(np.hypot(np.median(noise_mm[rows]), np.std(level) / np.sqrt(level.size))),
+        depth_std_mm=float(
+            np.hypot(np.median(np.roll(noise_mm, turn, axis=0)[floor]), np.std(level) / np.sqrt(level.size))
+        ),
         unseen_share=float(np.mean(~np.isfinite(box))),
         seen_cells=int(inside.sum()),
         cut_by_scan_end=bool(rows[0] <= scanned.start or rows[-1] >= scanned.stop - 1),
@@ -135,9 +141,9 @@ def _line(
     seen = np.flatnonzero(np.isfinite(deviation))
     before, after = seen[seen < deep[0]], seen[seen > deep[-1]]
     first, last = int(deep[0]), int(deep[-1])
-    wall = int(before[-1]) if before.size else -LOST_CELLS
+    wall = int(before[-1]) if before.size else first - LOST_CELLS
     shadow = deviation[first] * shadow_cells_per_mm
-    if GAP_CELLS < first - wall < shadow + LOST_CELLS:
+    if before.size and GAP_CELLS < first - wall < shadow + LOST_CELLS:
         start = _rim(wall, first, shadow)
     else:
         start = _crossing(deviation, wall, first, level)
@@ -169,7 +175,7 @@ def _extent(edges: list[tuple[float, float]], cell_mm: float) -> Extent:
     start, end = np.array(edges).T
     start, end = start * cell_mm, end * cell_mm
     # half a cell of quantisation at each edge, and what the lines' scatter leaves after averaging
-    scatter = [1.4826 * np.median(np.abs(edge - np.median(edge))) / np.sqrt(edge.size) for edge in (start, end)]
+    scatter = [spread(edge) / np.sqrt(edge.size) for edge in (start, end)]
     std = float(np.sqrt(scatter[0] ** 2 + scatter[1] ** 2 + 2 * cell_mm**2 / 12))
     return Extent(float(np.quantile(start, EDGE_QUANTILE)), float(np.quantile(end, 1 - EDGE_QUANTILE)), std)
 

@@ -24,16 +24,18 @@ class ThresholdSettings(Settings):
 
 def by_noise(
     deviation_mm: Float[np.ndarray, "around along"],  # noqa: ARG001  one signature for all rules
-    noise_mm: Float[np.ndarray, "along"],
+    noise_mm: Float[np.ndarray, "around along"],
     settings: ThresholdSettings,
-) -> Float[np.ndarray, "along"]:
-    """So many standard deviations of the wall map's own noise at each distance."""
+) -> Float[np.ndarray, "around along"]:
+    """So many standard deviations of the wall map's own noise in each cell."""
     return np.maximum(settings.noise_sigmas * noise_mm, settings.min_depth_mm)
 
 
 def by_otsu(
-    deviation_mm: Float[np.ndarray, "around along"], noise_mm: Float[np.ndarray, "along"], settings: ThresholdSettings
-) -> Float[np.ndarray, "along"]:
+    deviation_mm: Float[np.ndarray, "around along"],
+    noise_mm: Float[np.ndarray, "around along"],
+    settings: ThresholdSettings,
+) -> Float[np.ndarray, "around along"]:
     """The first of two levels that part what rises above the noise in three (multi-Otsu), never below the noise."""
     from skimage.filters import threshold_multiotsu
 
@@ -44,4 +46,4 @@ def by_otsu(
     return np.maximum(float(threshold_multiotsu(raised, classes=3)[0]), floor)
 
 
-THRESHOLDS: dict[str, Callable[..., Float[np.ndarray, "along"]]] = {"noise": by_noise, "otsu": by_otsu}
+THRESHOLDS: dict[str, Callable[..., Float[np.ndarray, "around along"]]] = {"noise": by_noise, "otsu": by_otsu}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from importlib.metadata import version
-from math import radians
+from math import radians, sin
 
 import numpy as np
 
+from algorithms.localisation.upright import VERTICAL_COSINE
 from scenarios.report.numbers import figure, signed
 from scenarios.report.wall_figures import stretches
 from scenarios.run import Run
@@ -96,8 +97,8 @@ def _calibration(run: Run) -> str:
 
 def _datum(run: Run) -> str:
     looking = "h:mm, seen looking downstream from the launch point (increasing distance)"
-    if abs(run.truth.pipe.inclination_deg) == 90:
-        return f"{looking}; the pipe is vertical: 12:00 is the pipe frame's -y direction"
+    if abs(sin(radians(run.truth.pipe.inclination_deg))) > VERTICAL_COSINE:
+        return f"{looking}; the pipe is (nearly) vertical: 12:00 is the camera's own upright at launch"
     return f"{looking}; 12:00 is up"
 
 
@@ -120,7 +121,7 @@ def not_seen(run: Run) -> list[str]:
     columns = wall.scanned()
     z = wall.z_mm[columns]
     said = []
-    if z.size:
+    if z.size and score.seen_share is not None:
         said.append(
             f"{100 * (1 - score.seen_share):.1f} % of the wall scanned between {z[0]:.0f} and {z[-1]:.0f} mm held no "
             "point. It is drawn hatched grey, never filled in, and counts in no figure. The pipe outside these ends "

@@ -9,7 +9,7 @@ from scenarios.report.comparison import Quantity, Row, quantities
 from scenarios.report.numbers import NONE, fixed, score_figure, signed
 from scenarios.report.statements import flat
 from scenarios.run import Run
-from scenarios.score import MEANINGS, NAMES
+from scenarios.score import MEANINGS
 from sensor_model.geometry import clock_position
 
 GROUPS = {
@@ -115,7 +115,7 @@ def score_tables(run: Run) -> str:
     """The score, grouped, each figure with its meaning."""
     grouped = {title: names.split() for title, names in GROUPS.items()}
     known = {name for names in grouped.values() for name in names}
-    if rest := [name for name in NAMES if name not in known]:
+    if rest := [name for name in MEANINGS if name not in known]:
         grouped["Further figures"] = rest
     parts = []
     for title, names in grouped.items():
@@ -155,7 +155,7 @@ def facts(pairs: list[tuple[str, str]]) -> str:
 
 def slit_table(run: Run) -> str:
     """How much of each slit was decoded in the sample frames."""
-    slits, possible = run.recording.rig.projector.slits, run.scenario.method.decode.azimuths
+    slits, possible = run.recording.rig.projector.slits, _azimuths(run)
     if not run.samples:
         return "<p>No sample frame was kept.</p>"
     head = "".join(f'<th scope="col">{escape(text)}</th>' for text in ["Slit", "Half angle", *_frame_names(run)])
@@ -168,6 +168,12 @@ def slit_table(run: Run) -> str:
         f"frames (of {possible}), innermost slit first.</caption>"
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
+
+
+def _azimuths(run: Run) -> int:
+    """How many azimuths a frame was looked at: by the decoder, or by what stood for it."""
+    sensing = run.scenario.sensing
+    return sensing.points.azimuths if sensing.fidelity == "points" else run.scenario.method.decode.azimuths
 
 
 def _frame_names(run: Run) -> list[str]:

@@ -89,7 +89,7 @@ def wall_map(run: Run, rows: list[Row]) -> Picture:
         axes.set_title("Unrolled wall: depth below the undamaged bore")
         _map_key(axes)
         figure.colorbar(shown, ax=axes, label="depth (mm)", fraction=0.025, pad=0.01)
-        unseen = 100 * (1 - run.score.seen_share)
+        unseen = 100 * (1 - (run.score.seen_share or 0.0))
         return to_picture(
             figure,
             f"Unrolled map of the wall from {ends[0]:.0f} to {ends[1]:.0f} mm, clock positions 12 to 12 from top to "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,8 @@ def _map(pipe, noise=0.03, length=300.0, seed=0, hide=None):
     if hide is not None:
         radius[hide(theta[:, None], z[None, :])] = np.nan
     count = np.where(np.isfinite(radius), 4, 0)
-    return WallMap(theta, z, radius, np.full(radius.shape, noise), count)
+    level = np.full(radius.shape, noise)
+    return WallMap(theta, z, radius, level, level, count)
 
 
 def _measure(wall, rule="noise"):
@@ -71,7 +74,7 @@ def test_noise_alone_is_no_defect_wherever_it_is_louder():
     theta_noise = _map(_pipe(), noise=0.05)
     radius = theta_noise.radius_mm.copy()
     radius[:, -30:] += np.random.default_rng(5).normal(0, 0.6, (360, 30))
-    assert _measure(WallMap(theta_noise.theta_rad, theta_noise.z_mm, radius, radius * 0, theta_noise.count)) == ()
+    assert _measure(replace(theta_noise, radius_mm=radius)) == ()
 
 
 @pytest.mark.parametrize(
@@ -105,6 +108,16 @@ def test_a_shadow_under_the_near_rim_does_not_move_the_edge():
     assert found.length_mm == pytest.approx(70, abs=1.0)
 
 
+def test_a_place_that_only_a_blurred_ring_saw_is_no_defect():
+    wall = _map(_pipe(), noise=0.05)
+    radius, sigma = wall.radius_mm.copy(), wall.sigma_mm.copy()
+    place = np.s_[25:45, 140:150]
+    radius[place] += np.random.default_rng(1).normal(0.3, 0.3, radius[place].shape)
+    assert len(_measure(replace(wall, radius_mm=radius))) == 1
+    sigma[place] *= 8  # the map says by whom it was seen
+    assert _measure(replace(wall, radius_mm=radius, sigma_mm=sigma)) == ()
+
+
 def test_a_defect_at_the_scans_end_is_reported_as_cut():
     (found,) = _measure(_map(_pipe({**POCKET, "distance_mm": 290})))
     assert found.cut_by_scan_end
@@ -119,7 +132,7 @@ def test_two_defects_are_two_and_come_in_order():
 def test_an_empty_map_has_no_defect():
     wall = _map(_pipe())
     nothing = np.full(wall.radius_mm.shape, np.nan)
-    assert _measure(WallMap(wall.theta_rad, wall.z_mm, nothing, nothing, np.zeros(nothing.shape, np.int64))) == ()
+    assert _measure(replace(wall, radius_mm=nothing, count=np.zeros(nothing.shape, np.int64))) == ()
 
 
 def test_segments_join_over_small_gaps_only():

@@ -60,7 +60,7 @@ def test_compiled_reduction_agrees_with_plain_numpy():
     rng = np.random.default_rng(0)
     cell = np.sort(rng.integers(0, 40, 400)).astype(float)
     points = np.column_stack([cell, rng.normal(76, 1, 400), rng.uniform(0.5, 3, 400)])
-    radius, spread, count = _reduce(points, 50)
+    radius, spread, sigma, count = _reduce(points, 50)
     for c in range(50):
         mine = points[cell == c]
         assert count[c] == len(mine)
@@ -70,6 +70,7 @@ def test_compiled_reduction_agrees_with_plain_numpy():
         order = mine[np.argsort(mine[:, 1])]
         half = np.searchsorted(np.cumsum(order[:, 2]), order[:, 2].sum() / 2)
         assert radius[c] == order[half, 1]
+        assert sigma[c] == pytest.approx(np.mean(mine[:, 2]) ** -0.5)
         assert spread[c] == pytest.approx(1.4826 * np.median(np.abs(mine[:, 1] - radius[c])))
 
 

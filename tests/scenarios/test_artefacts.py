@@ -32,7 +32,7 @@ def _wall(unseen) -> tuple[WallMap, np.ndarray]:
     for cells in unseen:
         deviation[cells] = radius[cells] = spread[cells] = np.nan
         count[cells] = 0
-    return WallMap(theta, z, radius, spread, count), deviation
+    return WallMap(theta, z, radius, spread, spread, count), deviation
 
 
 def _path() -> Trajectory:
@@ -48,7 +48,9 @@ def _path() -> Trajectory:
 
 def _reconstruction(unseen=(UNSEEN,), defects=DEFECTS) -> Reconstruction:
     wall, deviation = _wall(unseen)
-    return Reconstruction(_path(), wall, deviation, np.full(ALONG, 0.05), np.full(ALONG, 0.5), defects)
+    return Reconstruction(
+        _path(), wall, deviation, np.full(deviation.shape, 0.05), np.full(deviation.shape, 0.5), defects
+    )
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +111,7 @@ def test_wall_map_needs_no_pickle(folder, found):
     with np.load(folder / "wall_map.npz", allow_pickle=False) as arrays:
         stored = {name: arrays[name] for name in arrays.files}
     wall = found.wall
-    assert set(stored) == {"theta_rad", "z_mm", "radius_mm", "spread_mm", "count", "wall_dev_mm"}
+    assert set(stored) == {"theta_rad", "z_mm", "radius_mm", "spread_mm", "sigma_mm", "count", "wall_dev_mm"}
     for name in ("theta_rad", "z_mm", "count"):
         assert np.array_equal(stored[name], getattr(wall, name))
     for name, array in (

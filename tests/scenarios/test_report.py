@@ -18,7 +18,7 @@ from scenarios.report.numbers import figure, score_figure, signed
 from scenarios.report.page import write_report
 from scenarios.report.statements import never_seen, verdict
 from scenarios.run import Run, Sample
-from scenarios.scenario import Scenario
+from scenarios.scenario import Scenario, nominal_pipe
 from scenarios.score import MEANINGS, FrameTally, score, tally_frame
 from sensor_model.recording import open_recording
 from sensor_model.sense import sense
@@ -48,7 +48,7 @@ def _run(folder: Path, features: list[dict]) -> Run:
         }
     )
     truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
-    list(sense(truth, scenario.rig, scenario.rig, scenario.sensing, 0, folder))
+    list(sense(truth, scenario.rig, scenario.rig, nominal_pipe(scenario), scenario.sensing, 0, folder))
     recording = open_recording(folder)
     T_true = truth.pose_at(np.minimum(recording.frame_stamps_ns / 1e9, truth.time_s[-1]))
     state, tally = begin(recording.rig, recording.pipe, scenario.method), FrameTally(truth.pipe, scenario.rig)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,10 @@ from scenarios.run_folder import run_folder, whole_file
 def write_run(folder: Path, text: str) -> None:
     (folder / "truth").mkdir()
     (folder / "truth" / "pose.csv").write_text(text)
-    (folder / "run.json").write_text(text)
+    (folder / "run.json").write_text(json.dumps({"pipetwin": text}))
+
+
+OLD = '{"pipetwin": "old"}'
 
 
 def names(folder: Path) -> list[str]:
@@ -42,8 +46,8 @@ def test_failure_leaves_nothing_and_keeps_the_older_run(tmp_path: Path, error: t
             raise error
         assert names(tmp_path) == (["one"] if target.exists() else [])
         target.mkdir(exist_ok=True)
-        (target / "run.json").write_text("old")
-    assert (target / "run.json").read_text() == "old"
+        (target / "run.json").write_text(OLD)
+    assert (target / "run.json").read_text() == OLD
 
 
 @pytest.mark.parametrize("atomic", [True, False])
@@ -52,8 +56,8 @@ def test_an_older_run_is_replaced_whole(tmp_path: Path, monkeypatch: pytest.Monk
         monkeypatch.setattr(module, "_exchange", lambda *_: False)
     target = tmp_path / "one"
     target.mkdir()
-    (target / "run.json").write_text("old")
-    (target / "left-over.csv").write_text("old")
+    (target / "run.json").write_text(OLD)
+    (target / "score.json").write_text("old")
     with run_folder(target) as work:
         write_run(work, "new")
     assert names(tmp_path) == ["one"]
@@ -161,3 +165,14 @@ def test_progress_on_a_terminal_is_a_bar_on_one_line() -> None:
     text = follow(Screen(), 0.5)
     assert text.count("\n") == 2
     assert "\r\x1b[Kdraw: 20 of 40, 2 a second, 10 s left  [############............]" in text
+
+
+@pytest.mark.parametrize("foreign", [("run.json", "{}"), ("run.json", "old"), ("thesis.tex", "dear")])
+def test_what_is_no_run_of_ours_is_left_alone(tmp_path: Path, foreign: tuple[str, str]) -> None:
+    target = tmp_path / "one"
+    target.mkdir()
+    (target / "run.json").write_text(OLD)
+    (target / foreign[0]).write_text(foreign[1])
+    with pytest.raises(BadInput, match="no pipetwin run"), run_folder(target):
+        pass
+    assert (target / foreign[0]).read_text() == foreign[1]

@@ -12,6 +12,7 @@ from algorithms.reconstruct import begin, finish, see, step
 from algorithms.types import Defect
 from scenarios.load import load_scenario
 from scenarios.matching import match
+from scenarios.scenario import nominal_pipe
 from scenarios.score import MEANINGS, FrameTally, Score, pose_errors, score, tally_frame, true_slits
 from sensor_model.recording import open_recording
 from sensor_model.sense import sense
@@ -31,7 +32,7 @@ def scan(tmp_path_factory):
     scenario = load_scenario("paper-gantry", CHANGES)
     truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
     folder = tmp_path_factory.mktemp("scan")
-    list(sense(truth, scenario.rig, scenario.rig, scenario.sensing, 0, folder))
+    list(sense(truth, scenario.rig, scenario.rig, nominal_pipe(scenario), scenario.sensing, 0, folder))
     recording = open_recording(folder)
     state, tally = begin(recording.rig, recording.pipe, Method()), FrameTally(truth.pipe, scenario.rig)
     for frame in (recording[i] for i in range(len(recording))):

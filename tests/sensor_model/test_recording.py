@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from scenarios.load import load_scenario
+from scenarios.scenario import nominal_pipe
 from sensor_model.recording import BadRecording, open_recording
 from sensor_model.rig import Rig, load_settings, preset_rig
 from sensor_model.sense import sense
@@ -19,7 +20,7 @@ def log(tmp_path_factory):
     scenario = load_scenario("paper-gantry", changes)
     truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
     folder = tmp_path_factory.mktemp("log")
-    frames = list(sense(truth, scenario.rig, scenario.rig, scenario.sensing, 0, folder))
+    frames = list(sense(truth, scenario.rig, scenario.rig, nominal_pipe(scenario), scenario.sensing, 0, folder))
     return folder, truth, frames
 
 
@@ -67,7 +68,7 @@ def _line3(text, new):
         (
             "orientation0/data.csv",
             lambda line: "-1" + line[line.index(",") :],
-            r"data\.csv:3: stamp -1 does not come after",
+            r"data\.csv:3: '-1'; a stamp in ns",
         ),
         ("encoders0/data.csv", lambda line: line.rsplit(",", 1)[0] + ",nan", r"data\.csv:3: .*3 finite numbers"),
         ("cam0/data.csv", lambda line: line.split(",")[0] + ",../../x.png", r"data\.csv:3: .*plain file name"),
@@ -105,3 +106,56 @@ def test_a_picture_of_the_wrong_size_is_refused(log, tmp_path):
     (copy / "cam0" / "data" / f"{stamp}.png").write_bytes(b"not a picture")
     with pytest.raises(BadRecording, match="not a picture"):
         open_recording(copy)[0]
+
+
+def _npz_log(log, tmp_path, **changes):
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(log[0], copy)
+    file = sorted((copy / "cam0" / "data").iterdir())[0]
+    with np.load(file) as arrays:
+        parts = dict(arrays)
+    if "raw" in changes:
+        file.write_bytes(changes["raw"])
+    else:
+        np.savez_compressed(file, **{**parts, **{name: make(parts[name]) for name, make in changes.items()}})
+    return open_recording(copy)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"slit": lambda slit: slit + 100_000}, "slits from 100000 to 100007; the rig has 0 to 7"),
+        ({"slit": lambda slit: -1 - slit}, "slits from -8 to -1"),
+        ({"sigma_px": lambda sigma: sigma[:-1]}, "shapes"),
+        ({"pixel": lambda pixel: pixel * np.nan}, "finite"),
+        ({"pixel": lambda pixel: pixel.astype(np.float32)}, "float32"),
+        ({"pixel": lambda pixel: np.zeros((10_000_000, 2))}, "unpacks to 16"),  # noqa: ARG005
+        ({"raw": b"PK\x03\x04 not a zip"}, "not a frame of slit pixels"),
+        ({"raw": b""}, "not a frame of slit pixels"),
+    ],
+)
+def test_a_spoiled_frame_is_refused_before_it_is_used(log, tmp_path, changes, said):
+    with pytest.raises(BadRecording, match=said):
+        _npz_log(log, tmp_path, **changes)[0]
+
+
+def test_a_log_that_ends_early_is_refused(log, tmp_path):
+    copy = _spoiled(log, tmp_path, "encoders0/data.csv", lambda text: "\n".join(text.splitlines()[:20]) + "\n")
+    with pytest.raises(BadRecording, match=r"encoders0/data\.csv goes from 0 to 180000000 ns; it says nothing of \d+"):
+        open_recording(copy)
+
+
+def test_a_quaternion_without_length_is_refused(log, tmp_path):
+    copy = _spoiled(
+        log, tmp_path, "orientation0/data.csv", lambda text: _line3(text, lambda line: line.split(",")[0] + ",0,0,0,0")
+    )
+    with pytest.raises(BadRecording, match="a quaternion of length 0"):
+        open_recording(copy)
+
+
+def test_aliases_are_refused(log, tmp_path):
+    copy = _spoiled(log, tmp_path, "pipe.yaml", lambda _: "inner_radius_mm: &a 70\nwall_thickness_mm: *a\n")
+    with pytest.raises(BadRecording, match="aliases"):
+        open_recording(copy)
