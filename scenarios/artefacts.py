@@ -55,7 +55,8 @@ def write_tum(path: Trajectory, file: Path) -> None:
     for stamp, T in zip(path.stamp_ns[path.registered], path.T_pipe_camera[path.registered], strict=True):
         w, x, y, z = wxyz_from_rotation(T[:3, :3])
         tx, ty, tz = T[:3, 3] / 1e3
-        lines.append(f"{stamp / 1e9:.9f} {tx:.9f} {ty:.9f} {tz:.9f} {x:.9f} {y:.9f} {z:.9f} {w:.9f}")
+        seconds = f"{stamp // 10**9}.{stamp % 10**9:09d}"  # a double cannot hold a present-day stamp in ns
+        lines.append(f"{seconds} {tx:.9f} {ty:.9f} {tz:.9f} {x:.9f} {y:.9f} {z:.9f} {w:.9f}")
     file.write_text("\n".join(lines) + "\n")
 
 

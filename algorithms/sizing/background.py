@@ -26,10 +26,15 @@ def deviation_mm(wall: WallMap) -> Float[np.ndarray, "around along"]:
     cell_mm = wall.z_mm[1] - wall.z_mm[0] if wall.z_mm.size > 1 else 1.0
     half, step = round(BLOCK_MM / cell_mm / 2), max(round(BLOCK_MM / cell_mm / 4), 1)
     for first in range(0, wall.z_mm.size, step):
-        rows = slice(first, first + step)
-        around = slice(max(first + step // 2 - half, 0), first + step // 2 + half)
-        deviation[:, rows] = wall.radius_mm[:, rows] - _bore(wall.theta_rad, wall.radius_mm[:, around])[:, None]
-    return _median3x3(deviation)
+        block = slice(max(first + step // 2 - half, 0), first + step // 2 + half)
+        bore = _bore(wall.theta_rad, wall.radius_mm[:, block])[:, None]
+        # with a row of neighbours on either side; block by block, so that memory does not grow with the pipe
+        wider = slice(max(first - 1, 0), first + step + 1)
+        smooth = _median3x3(wall.radius_mm[:, wider] - bore)
+        deviation[:, first : first + step] = smooth[:, first - wider.start :][
+            :, : deviation[:, first : first + step].shape[1]
+        ]
+    return deviation
 
 
 def _bore(theta: np.ndarray, radius: np.ndarray) -> Float[np.ndarray, "around"]:

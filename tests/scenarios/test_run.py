@@ -176,6 +176,8 @@ def _frame(recording: Path) -> Path:
 HARMS = {
     "a lost frame": ("reconstruct: ", lambda r: _frame(r).unlink()),
     "a frame of text": ("reconstruct: ", lambda r: _frame(r).write_text("no frame")),
+    "a frame of no bytes": ("reconstruct: ", lambda r: _frame(r).write_bytes(b"")),
+    "half a frame": ("reconstruct: ", lambda r: _frame(r).write_bytes(_frame(r).read_bytes()[:5000])),
     "no list of frames": ("sense: ", lambda r: (r / "cam0" / "data.csv").unlink()),
     "a broken log": ("sense: ", lambda r: (r / "imu0" / "data.csv").write_text("1,2,3,4,x,6,7\n")),
     "a broken rig": ("sense: ", lambda r: (r / "rig.yaml").write_text("camera: [")),
