@@ -127,7 +127,8 @@ class Pipe(Settings):
     def through(self, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Bool[np.ndarray, "*batch"]:
         """Where the wall is gone and nothing backs it, which a radius cannot express."""
         radius = self.radius(theta_rad, z_mm)
-        return np.zeros(radius.shape, dtype=bool) if self.backed else radius >= self.outer_radius_mm - 1e-6
+        gone = radius >= self.outer_radius_mm - 1e-6
+        return np.asarray(np.zeros_like(gone) if self.backed else gone)
 
 
 @njit(cache=True)
