@@ -109,6 +109,8 @@ def finish(state: State) -> Reconstruction:
         reasons = [result.alignment.reason for result in state.results] or ["there are no frames"]
         raise ReconstructionFailed(f"no frame registered: {max(set(reasons), key=reasons.count)}")
     wall = finish_map(state.builder)
+    if not wall.seen.any():
+        raise ReconstructionFailed("no point lies where a wall can be; check the nominal pipe and the rig")
     deviation = deviation_mm(wall)
     noise = noise_mm(wall, deviation)
     sizing = state.method.sizing

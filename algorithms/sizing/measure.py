@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from algorithms.robust import spread
 from algorithms.sizing.thresholds import ThresholdSettings
 from algorithms.types import Defect, WallMap
+from sensor_model.geometry import wrap_rad
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
@@ -88,11 +89,8 @@ def measure_one(
     steepest_light_rad: float,
 ) -> Defect:
     """Size one defect: depth over the background, then both extents at half of that depth."""
-    # the wall is rolled so that the defect's middle is the map's, and it never crosses the seam
-    columns = np.flatnonzero(cells.any(axis=1))
-    middle = np.angle(np.exp(1j * wall.theta_rad[columns]).mean())
-    turn = wall.theta_rad.size // 2 - int(np.argmin(np.abs(np.angle(np.exp(1j * (wall.theta_rad - middle))))))
-    deviation, inside = np.roll(deviation_mm, turn, axis=0), np.roll(cells, turn, axis=0)
+    turn = _turn_to_middle(wall, cells)
+    deviation, inside, noise = (np.roll(part, turn, axis=0) for part in (deviation_mm, cells, noise_mm))
 
     depth = _largest_depth_mm(deviation[inside])
     floor = inside & (deviation > 0.5 * depth)
@@ -116,13 +114,18 @@ def measure_one(
         wall_loss_pct=100 * depth / pipe.wall_thickness_mm,
         length_std_mm=axial.std_mm,
         width_std_mm=arc.std_mm,
-        depth_std_mm=float(
-            np.hypot(np.median(np.roll(noise_mm, turn, axis=0)[floor]), np.std(level) / np.sqrt(level.size))
-        ),
+        depth_std_mm=float(np.hypot(np.median(noise[floor]), np.std(level) / np.sqrt(level.size))),
         unseen_share=float(np.mean(~np.isfinite(box))),
         seen_cells=int(inside.sum()),
         cut_by_scan_end=bool(rows[0] <= scanned.start or rows[-1] >= scanned.stop - 1),
     )
+
+
+def _turn_to_middle(wall: WallMap, cells: Bool[np.ndarray, "around along"]) -> int:
+    """By how many cells to roll the wall so that a defect's middle is the map's, and it never crosses the seam."""
+    columns = np.flatnonzero(cells.any(axis=1))
+    middle = np.angle(np.exp(1j * wall.theta_rad[columns]).mean())
+    return wall.theta_rad.size // 2 - int(np.argmin(np.abs(wrap_rad(wall.theta_rad - middle))))
 
 
 def _largest_depth_mm(depths: Float[np.ndarray, "n"]) -> float:

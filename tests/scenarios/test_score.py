@@ -7,38 +7,15 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from algorithms.method import Method
-from algorithms.reconstruct import begin, finish, see, step
 from algorithms.types import Defect
 from scenarios.load import load_scenario
 from scenarios.matching import match
-from scenarios.scenario import nominal_pipe
-from scenarios.score import MEANINGS, FrameTally, Score, pose_errors, score, tally_frame, true_slits
-from sensor_model.recording import open_recording
-from sensor_model.sense import sense
-from sensor_model.streams import stream
-from twin.simulate import simulate
-
-CHANGES = [
-    "sensing.fidelity=points",
-    "sensing.frame_rate_hz=10",
-    "pipe.features=[{kind: pocket, distance_mm: 150, clock_deg: 120, length_mm: 40, width_mm: 30, depth_mm: 5}]",
-    "drive.stages=[{to_mm: 120}]",
-]
+from scenarios.score import MEANINGS, Score, pose_errors, score, true_slits
 
 
-@pytest.fixture(scope="module")
-def scan(tmp_path_factory):
-    scenario = load_scenario("paper-gantry", CHANGES)
-    truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
-    folder = tmp_path_factory.mktemp("scan")
-    list(sense(truth, scenario.rig, scenario.rig, nominal_pipe(scenario), scenario.sensing, 0, folder))
-    recording = open_recording(folder)
-    state, tally = begin(recording.rig, recording.pipe, Method()), FrameTally(truth.pipe, scenario.rig)
-    for frame in (recording[i] for i in range(len(recording))):
-        result = step(state, frame, see(frame, recording.rig, Method()))
-        tally_frame(tally, result, truth.pose_at(np.array([frame.stamp_ns / 1e9]))[0])
-    return truth, finish(state), tally
+@pytest.fixture
+def scan(small_scan):
+    return small_scan.truth, small_scan.found, small_scan.tally
 
 
 def test_every_figure_has_a_meaning():
