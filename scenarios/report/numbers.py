@@ -6,6 +6,7 @@ from math import isfinite
 
 NONE = "n/a"
 UNITS = {"mm2": "mm²", "mm": "mm", "deg": "°", "pct": "%"}
+FINEST_MM = 0.01
 SHARES = {"not_seen_share", "decode_yield", "wrong_words", "seen_share"}
 
 
@@ -41,7 +42,8 @@ def score_figure(name: str, value: float | int | None, figures: int = 3) -> str:
     if name in SHARES:
         return f"{figure(100.0 * value, figures)} %"
     unit = next((UNITS[part] for part in name.split("_") if part in UNITS), "")
-    return figure(value, figures) + ("" if unit in ("", "°") else " ") + unit
+    small = unit == "mm" and abs(value) < FINEST_MM  # nobody reads a wall to the micrometre
+    return (f"below {FINEST_MM:g}" if small else figure(value, figures)) + ("" if unit in ("", "°") else " ") + unit
 
 
 def _minus(text: str) -> str:

@@ -9,7 +9,7 @@ from math import radians, sin
 import numpy as np
 
 from algorithms.localisation.upright import VERTICAL_COSINE
-from scenarios.report.numbers import figure, signed
+from scenarios.report.numbers import figure, score_figure, signed
 from scenarios.report.wall_figures import stretches
 from scenarios.run import Run
 from sensor_model.geometry import clock_position
@@ -31,12 +31,8 @@ def verdict(run: Run) -> str:
     if score.defects_found == 0:
         return found
     worst = [
-        f"{word} {figure(value, 2)} mm"
-        for word, value in (
-            ("length", score.length_error_mm_max),
-            ("width", score.width_error_mm_max),
-            ("depth", score.depth_error_mm_max),
-        )
+        f"{word} {score_figure(f'{word}_error_mm_max', getattr(score, f'{word}_error_mm_max'), 2)}"
+        for word in ("length", "width", "depth")
     ]
     return f"{found} Worst errors: {', '.join(worst)}."
 
