@@ -80,7 +80,8 @@ def _close(builder: MapBuilder, block: int) -> None:
     points = np.concatenate(builder.waiting.pop(block))
     order = np.argsort(points[:, 0], kind="stable")
     reduced = _reduce(points[order].astype(np.float64), around * along)
-    cells = tuple(part.reshape(around, along) for part in reduced)
+    kinds = (np.float64, np.float32, np.float32, np.int32)
+    cells = tuple(part.astype(kind).reshape(around, along) for part, kind in zip(reduced, kinds, strict=True))
     if block in builder.done:
         cells = _joined(builder.done[block], cells)
     builder.done[block] = cells
@@ -101,9 +102,10 @@ def finish_map(builder: MapBuilder) -> WallMap:
     around, along = builder.shape
     blocks = range(min(builder.done), max(builder.done) + 1) if builder.done else range(0)
     nothing = np.full((around, along), np.nan)
-    empty = (nothing, nothing, nothing, np.zeros((around, along), np.int64))
+    empty = (nothing, nothing.astype(np.float32), nothing.astype(np.float32), np.zeros((around, along), np.int32))
     parts = [builder.done.get(b, empty) for b in blocks] or [tuple(part[:, :0] for part in empty)]
     radius, spread, sigma, count = (np.concatenate([part[k] for part in parts], axis=1) for k in range(4))
+    builder.done.clear()  # laid end to end they are here twice
     theta = (np.arange(around) + 0.5) * 2 * np.pi / around
     z = (np.arange(len(blocks) * along) + (blocks[0] * along if blocks else 0) + 0.5) * builder.settings.cell_z_mm
     return WallMap(theta, z, radius, spread, sigma, count)

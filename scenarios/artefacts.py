@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
 from algorithms.types import Defect, Reconstruction, Trajectory, WallMap
 from sensor_model.geometry import clock_position, wall_direction, wxyz_from_rotation
@@ -84,64 +85,57 @@ def write_defects(defects: tuple[Defect, ...], file: Path) -> None:
 
 def write_cloud(wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], file: Path) -> None:
     """Every seen cell of the map as a coloured point with `wall_dev_mm`, which CloudCompare takes as a scalar field."""
-    seen = wall.seen & np.isfinite(deviation_mm)
-    _write_ply(file, _cell_points(wall)[seen], _colors(deviation_mm)[seen], deviation_mm[seen])
+    with file.open("wb") as out:
+        _write_vertices(out, wall, deviation_mm, [])
 
 
 def write_mesh(wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], file: Path) -> None:
     """The seen wall as triangles between neighbouring seen cells; what was not seen stays open."""
-    seen = wall.seen & np.isfinite(deviation_mm)
-    number = np.cumsum(seen.ravel()).reshape(seen.shape) - 1
-    ahead, around = np.roll(number, -1, axis=0)[:, :-1], number[:, 1:]
-    here, across = number[:, :-1], np.roll(number, -1, axis=0)[:, 1:]
-    has = seen[:, :-1], np.roll(seen, -1, axis=0)[:, :-1], seen[:, 1:], np.roll(seen, -1, axis=0)[:, 1:]
-    lower, upper = has[0] & has[1] & has[2], has[1] & has[2] & has[3]
-    faces = np.concatenate(
-        [
-            np.stack([here[lower], ahead[lower], around[lower]], axis=1),
-            np.stack([ahead[upper], across[upper], around[upper]], axis=1),
-        ]
-    )
-    _write_ply(file, _cell_points(wall)[seen], _colors(deviation_mm)[seen], deviation_mm[seen], faces)
+    seen = np.isfinite(deviation_mm)
+    number = (np.cumsum(seen.ravel(), dtype=np.int32) - 1).reshape(seen.shape)
+    counts = [len(_faces(number, seen, column)) for column in range(len(seen))]
+    with file.open("wb") as out:
+        face_header = [f"element face {sum(counts)}", "property list uchar int vertex_indices"]
+        _write_vertices(out, wall, deviation_mm, face_header)
+        for column in range(len(seen)):
+            out.write(_faces(number, seen, column).tobytes())
 
 
-def _cell_points(wall: WallMap) -> Float[np.ndarray, "around along 3"]:
-    points = wall_direction(wall.theta_rad)[:, None, :] * np.nan_to_num(wall.radius_mm)[:, :, None]
-    points[:, :, 2] = wall.z_mm[None, :]
-    return points
+def _faces(number: Int[np.ndarray, "around along"], seen: Bool[np.ndarray, "around along"], column: int) -> np.ndarray:
+    """Triangles between one column of cells and the next around the wall, as PLY records."""
+    after = (column + 1) % len(seen)
+    here, next_ = number[column], number[after]
+    has, has_next = seen[column], seen[after]
+    lower = has[:-1] & has_next[:-1] & has[1:]
+    upper = has_next[:-1] & has_next[1:] & has[1:]
+    face = np.zeros(lower.sum() + upper.sum(), dtype=[("n", "u1"), ("corners", "<i4", 3)])
+    face["n"] = 3
+    face["corners"][: lower.sum()] = np.stack([here[:-1], next_[:-1], here[1:]], axis=1)[lower]
+    face["corners"][lower.sum() :] = np.stack([next_[:-1], next_[1:], here[1:]], axis=1)[upper]
+    return face
 
 
-def _colors(deviation_mm: Float[np.ndarray, "around along"]) -> UInt8[np.ndarray, "around along 3"]:
-    """Colour-blind-safe colours (cividis) from the undamaged wall to the deepest place."""
+def _write_vertices(
+    out: BinaryIO, wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], face_header: list[str]
+) -> None:
+    """Header and vertices of a binary PLY with one scalar a vertex, which mesh libraries' writers leave out.
+
+    A column of cells at a time, so that a long pipe needs no more memory than its map. Colours are safe for the
+    colour-blind (cividis), from the undamaged wall to the deepest place.
+    """
     from matplotlib import colormaps
 
-    seen = deviation_mm[np.isfinite(deviation_mm)]
-    top = max(float(np.percentile(seen, 99.5)), 0.5) if seen.size else 1.0
-    return (colormaps["cividis"](np.nan_to_num(deviation_mm) / top)[..., :3] * 255).astype(np.uint8)
-
-
-def _write_ply(
-    file: Path,
-    xyz_mm: Float[np.ndarray, "n 3"],
-    rgb: UInt8[np.ndarray, "n 3"],
-    wall_dev_mm: Float[np.ndarray, "n"],
-    faces: Int[np.ndarray, "faces 3"] | None = None,
-) -> None:
-    """Binary little-endian PLY with one scalar a vertex (which mesh libraries' writers leave out)."""
-    vertex = np.zeros(len(xyz_mm), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3), ("wall_dev_mm", "<f4")])
-    vertex["xyz"], vertex["rgb"], vertex["wall_dev_mm"] = xyz_mm, rgb, wall_dev_mm
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        "comment lengths in mm, pipe frame",
-        f"element vertex {len(vertex)}",
-    ]
+    header = ["ply", "format binary_little_endian 1.0", "comment lengths in mm, pipe frame"]
+    header += [f"element vertex {np.isfinite(deviation_mm).sum()}"]
     header += [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
-    header += ["property float wall_dev_mm"]
-    body = vertex.tobytes()
-    if faces is not None:
-        face = np.zeros(len(faces), dtype=[("n", "u1"), ("corners", "<i4", 3)])
-        face["n"], face["corners"] = 3, faces
-        header += [f"element face {len(face)}", "property list uchar int vertex_indices"]
-        body += face.tobytes()
-    file.write_bytes(("\n".join([*header, "end_header"]) + "\n").encode() + body)
+    header += ["property float wall_dev_mm", *face_header, "end_header"]
+    out.write(("\n".join(header) + "\n").encode())
+    deepest = max(float(np.nanpercentile(deviation_mm, 99.5)), 0.5) if np.isfinite(deviation_mm).any() else 1.0
+    for theta, radius, deviation in zip(wall.theta_rad, wall.radius_mm, deviation_mm, strict=True):
+        seen = np.isfinite(deviation)
+        vertex = np.zeros(seen.sum(), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3), ("wall_dev_mm", "<f4")])
+        vertex["xyz"] = wall_direction(theta) * radius[seen, None]
+        vertex["xyz"][:, 2] = wall.z_mm[seen]
+        vertex["rgb"] = colormaps["cividis"](deviation[seen] / deepest)[:, :3] * 255
+        vertex["wall_dev_mm"] = deviation[seen]
+        out.write(vertex.tobytes())
