@@ -12,6 +12,7 @@ from sensor_model import drawing, raycast
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
 from sensor_model.rig import preset_rig
+from sensor_model.sense import png
 from twin.features.pocket import Pocket
 from twin.pipe import Pipe
 
@@ -45,7 +46,7 @@ def main() -> None:
         "drawing, pocket and its shadow": seconds(lambda: drawing.draw(carved, T_pipe_camera, rig, optics)),
         "ray-casting, pocket and its shadow": seconds(lambda: raycast.draw(carved, T_pipe_camera, rig, optics)),
         "exposing": seconds(lambda: expose(drawn, optics, rng, rig.camera)),
-        "PNG": seconds(lambda: cv2.imencode(".png", stored[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])),
+        "PNG": seconds(lambda: png(stored)),
     }
     for name, spent in took.items():
         print(f"{name:36s} {1000 * spent:7.0f} ms {1 / spent:7.1f} frames/s")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+from jaxtyping import UInt8
 from pydantic import Field
 
 from sensor_model.encoders import EncoderNoise, measure_encoders
@@ -86,8 +87,6 @@ def write_frame(pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, see
         seen = see_slits(pipe, T_pipe_camera, rig, sensing.points, stream(seed, "points", index))
         np.savez(file, pixel=seen.pixel, slit=seen.slit, sigma_px=seen.sigma_px)
         return
-    import cv2
-
     from sensor_model.image_formation import expose
 
     if sensing.fidelity == "picture":
@@ -96,7 +95,13 @@ def write_frame(pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, see
         from sensor_model.raycast import draw
     linear = draw(pipe, T_pipe_camera, rig, sensing.optics)
     picture = expose(linear, sensing.optics, stream(seed, "picture", index), rig.camera)
+    file.write_bytes(png(picture))
+
+
+def png(picture: UInt8[np.ndarray, "height width 3"]) -> bytes:
+    """An RGB picture as PNG."""
+    import cv2
+
     # Huffman coding alone: a noisy picture has no repeats to find, and it is the fastest and the smallest here
     how = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
-    if not cv2.imwrite(str(file), picture[:, :, ::-1], how):
-        raise OSError(f"{file}: cannot write the picture")
+    return cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), how)[1].tobytes()
