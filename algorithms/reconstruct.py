@@ -72,9 +72,8 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
         kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
         add_points(state.builder, points, kept, alignment)
     result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
-    state.results.append(
-        replace(result, points=_NOTHING, kept=_NOTHING.ring == 0)
-    )  # the points live on in the map only
+    # the points live on in the map only
+    state.results.append(replace(result, points=_NOTHING, kept=np.zeros(0, dtype=bool)))
     return result
 
 

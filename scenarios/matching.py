@@ -6,7 +6,6 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from algorithms.types import Defect
-from sensor_model.geometry import wrap_rad
 from twin.pipe import Pipe
 
 GATE_MM = 15.0  # a measured middle further than this outside the true outline is another defect
@@ -20,7 +19,7 @@ def match(pipe: Pipe, defects: tuple[Defect, ...]) -> list[tuple[int, int]]:
         size = feature.size(pipe.bore_radius_mm)
         for j, defect in enumerate(defects):
             dz = abs(defect.distance_mm - feature.distance_mm)
-            arc = abs(wrap_rad(defect.theta_rad - np.radians(feature.clock_deg))) * pipe.bore_radius_mm
+            arc = abs(float(feature.arc_mm(defect.theta_rad, pipe.bore_radius_mm)))
             if dz <= size.length_mm / 2 + GATE_MM and arc <= size.width_mm / 2 + GATE_MM:
                 cost[i, j] = np.hypot(dz, arc)
     if not cost.size:

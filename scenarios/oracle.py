@@ -8,7 +8,6 @@ from scipy.cluster.vq import kmeans
 from algorithms.sizing.measure import segment
 from algorithms.types import Reconstruction
 from scenarios.equations import err_pct
-from sensor_model.geometry import wrap_rad
 from twin.features.base import Feature
 from twin.pipe import Pipe
 
@@ -24,8 +23,8 @@ def oracle_err_pct(pipe: Pipe, feature: Feature, found: Reconstruction) -> float
     thin = seen[:: max(seen.size // SAMPLES, 1)]
     means = np.sort(kmeans(thin, start)[0])
     dz = np.abs(wall.z_mm - feature.distance_mm) < size.length_mm / 2
-    turn = wrap_rad(wall.theta_rad - np.radians(feature.clock_deg))
-    inside = (np.abs(turn)[:, None] * pipe.bore_radius_mm < size.width_mm / 2) & dz[None, :]
+    from_middle = feature.arc_mm(wall.theta_rad, pipe.bore_radius_mm)
+    inside = (np.abs(from_middle)[:, None] < size.width_mm / 2) & dz[None, :]
     best = 100.0
     for threshold in means:
         labels = segment(found.deviation_mm > threshold, wall, pipe.bore_radius_mm, join_mm=3.0)
@@ -34,7 +33,7 @@ def oracle_err_pct(pipe: Pipe, feature: Feature, found: Reconstruction) -> float
             continue
         cells = labels == np.bincount(numbers).argmax()
         z = wall.z_mm[cells.any(axis=0)]
-        arc = turn[cells.any(axis=1)] * pipe.bore_radius_mm
+        arc = from_middle[cells.any(axis=1)]
         cell = wall.z_mm[1] - wall.z_mm[0], 2 * np.pi * pipe.bore_radius_mm / wall.theta_rad.size
         length, width = np.ptp(z) + cell[0], np.ptp(arc) + cell[1]
         best = min(best, err_pct(length, width, size.length_mm, size.width_mm))

@@ -22,7 +22,7 @@ from scenarios.run_folder import run_folder
 from scenarios.scenario import Scenario, nominal_pipe
 from scenarios.score import FrameTally, Score, score, tally_frame
 from sensor_model.recording import Recording, SlitPixels, open_recording
-from sensor_model.sense import frame_times_s, sense
+from sensor_model.sense import sense
 from sensor_model.streams import stream
 from sensor_model.workers import spread
 from twin.simulate import DriveFailed, simulate
@@ -104,7 +104,7 @@ def _sensed(
     scenario: Scenario, truth: Truth, folder: Path, workers: int, peaks_kb: dict[int, int], progress: Report
 ) -> Recording:
     true_rig = scenario.true_rig or scenario.rig
-    total = len(frame_times_s(truth, scenario.sensing))
+    total = truth.sample_times_s(scenario.sensing.frame_rate_hz).size
     frames = sense(
         truth,
         true_rig,
@@ -130,7 +130,7 @@ def _reconstructed(
     progress: Report,
 ) -> tuple[Reconstruction, FrameTally, tuple[Sample, ...]]:
     """The fold over the recording, with pictures decoded ahead by the workers and each frame's figures taken."""
-    T_true = truth.pose_at(np.minimum(recording.frame_stamps_ns / 1e9, truth.time_s[-1]))
+    T_true = truth.pose_at(recording.frame_stamps_ns / 1e9)
     tally = FrameTally(truth.pipe, scenario.true_rig or scenario.rig)
     state = begin(recording.rig, recording.pipe, scenario.method)
     kept, samples = set(_sample_indices(truth, T_true)), []

@@ -145,7 +145,7 @@ def near_defect(pipe: Pipe, xyz_pipe_mm: Float[np.ndarray, "n 3"]) -> Bool[np.nd
     for feature in pipe.features:
         size = feature.size(pipe.bore_radius_mm)
         dz = np.abs(xyz_pipe_mm[:, 2] - feature.distance_mm)
-        arc = np.abs(wrap_rad(theta - np.radians(feature.clock_deg))) * pipe.bore_radius_mm
+        arc = np.abs(feature.arc_mm(theta, pipe.bore_radius_mm))
         near |= (dz < size.length_mm / 2 + NEAR_DEFECT_MM) & (arc < size.width_mm / 2 + NEAR_DEFECT_MM)
     return near
 
@@ -219,7 +219,7 @@ class PoseErrors:
 def pose_errors(found: Reconstruction, truth: Truth) -> PoseErrors:
     """Errors of the trajectory against the true poses at the frames' own stamps."""
     path, ok = found.trajectory, found.trajectory.registered
-    T_true = truth.pose_at(np.clip(path.stamp_ns[ok] / 1e9, truth.time_s[0], truth.time_s[-1]))
+    T_true = truth.pose_at(path.stamp_ns[ok] / 1e9)
     T = path.T_pipe_camera[ok]
     # the pipe's axis in camera coordinates is the third row of R_pipe_camera
     cosine = np.clip(np.sum(T[:, 2, :3] * T_true[:, 2, :3], axis=1), -1, 1)
@@ -274,7 +274,7 @@ def _hidden_floor(wall: WallMap, pipe: Pipe, feature: Feature) -> Bool[np.ndarra
     start = wall.z_mm[0] if wall.z_mm.size else 0.5 * cell
     low, high = feature.distance_mm - size.length_mm / 2, feature.distance_mm + size.length_mm / 2
     row = np.arange(np.ceil((low - start) / cell), np.floor((high - start) / cell) + 1).astype(np.int64)
-    arc = wrap_rad(wall.theta_rad - np.radians(feature.clock_deg)) * pipe.bore_radius_mm
+    arc = feature.arc_mm(wall.theta_rad, pipe.bore_radius_mm)
     column = np.flatnonzero(np.abs(arc) <= size.width_mm / 2)
     floor = pipe.radius(wall.theta_rad[column, None], start + row[None, :] * cell) - pipe.bore_radius_mm
     inside = (row >= 0) & (row < wall.z_mm.size)

@@ -42,9 +42,8 @@ def measure_encoders(truth: Truth, wheels: Wheels, noise: EncoderNoise) -> Encod
             f"the robot has {n_wheels} encoder wheels, the rig {len(wheels.diameters_mm)}, "
             f"wheel_diameter_error_pct {len(noise.wheel_diameter_error_pct)}"
         )
-    count = int(np.floor((truth.time_s[-1] - truth.time_s[0]) * noise.update_rate + 1e-9)) + 1
-    time_s = truth.time_s[0] + np.arange(count) / noise.update_rate
-    angle = CubicSpline(truth.time_s, truth.wheel_angle_rad)(np.minimum(time_s, truth.time_s[-1]))
+    time_s = truth.sample_times_s(noise.update_rate)
+    angle = CubicSpline(truth.time_s, truth.wheel_angle_rad)(time_s)
     turns = angle / (2 * np.pi) / (1 + np.array(noise.wheel_diameter_error_pct) / 100)
     counts = np.floor(turns * wheels.counts_per_turn + 0.5).astype(np.int64)
     return EncoderLog(np.round(time_s * 1e9).astype(np.int64), counts)

@@ -74,9 +74,8 @@ def measure_imu(
     truth: Truth, mount: ImuMount, noise: ImuNoise, rng: np.random.Generator, rng_attitude: np.random.Generator
 ) -> ImuLog:
     """The IMU's log over the whole drive."""
-    count = int(np.floor((truth.time_s[-1] - truth.time_s[0]) * noise.update_rate + 1e-9)) + 1
-    time_s = truth.time_s[0] + np.arange(count) / noise.update_rate
-    R_pipe_camera = truth.pose_at(np.minimum(time_s, truth.time_s[-1]))[:, :3, :3]
+    time_s = truth.sample_times_s(noise.update_rate)
+    R_pipe_camera = truth.pose_at(time_s)[:, :3, :3]
     R_pipe_imu = R_pipe_camera @ mount.R_camera_imu
     rate = CubicSpline(truth.time_s, truth.angular_velocity_camera_rad_s)
     omega, omega_dot = rate(time_s), rate(time_s, 1)

@@ -127,9 +127,7 @@ class Recording:
     def _read_picture(self, file: Path) -> UInt8[np.ndarray, "height width 3"]:
         import cv2
 
-        if not file.is_file():
-            raise BadRecording(f"{file}: missing picture, named in {file.parent.parent / 'data.csv'}")
-        _check_size(file)
+        _check_frame_file(file)
         expected = (self.rig.camera.height_px, self.rig.camera.width_px)
         # the header first: a small file can unpack to a huge picture
         size = _png_size(file)
@@ -141,7 +139,9 @@ class Recording:
         return picture
 
 
-def _check_size(file: Path) -> None:
+def _check_frame_file(file: Path) -> None:
+    if not file.is_file():
+        raise BadRecording(f"{file}: missing frame, named in {file.parent.parent / 'data.csv'}")
     size = file.stat().st_size
     if size > MAX_FILE_BYTES:
         raise BadRecording(f"{file}: {size} bytes; at most {MAX_FILE_BYTES}")
@@ -162,9 +162,7 @@ def _png_size(file: Path) -> tuple[int, int]:
 
 def _read_slit_pixels(file: Path, slits: int) -> SlitPixels:
     """Slit pixels of one frame, checked before anything compiled, which looks at no bounds, reads them."""
-    if not file.is_file():
-        raise BadRecording(f"{file}: missing frame, named in {file.parent.parent / 'data.csv'}")
-    _check_size(file)
+    _check_frame_file(file)
     try:
         with zipfile.ZipFile(file) as parts:
             unpacked = sum(part.file_size for part in parts.infolist())

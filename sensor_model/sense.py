@@ -35,12 +35,6 @@ class Sensing(Settings):
     encoders: EncoderNoise = EncoderNoise()
 
 
-def frame_times_s(truth: Truth, sensing: Sensing) -> np.ndarray:
-    """When the strobe fires, from the start of the drive to its end."""
-    count = int(np.floor((truth.time_s[-1] - truth.time_s[0]) * sensing.frame_rate_hz + 1e-9)) + 1
-    return truth.time_s[0] + np.arange(count) / sensing.frame_rate_hz
-
-
 def sense(
     truth: Truth,
     true_rig: Rig,
@@ -66,8 +60,8 @@ def sense(
         folder, nominal_rig, nominal_pipe, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, encoders.counts
     )
 
-    times = frame_times_s(truth, sensing)
-    poses = truth.pose_at(np.minimum(times, truth.time_s[-1]))
+    times = truth.sample_times_s(sensing.frame_rate_hz)  # when the strobe fires
+    poses = truth.pose_at(times)
     stamps = np.round(times * 1e9).astype(np.int64)
     (folder / "cam0" / "data").mkdir(parents=True, exist_ok=True)
     suffix = ".npz" if sensing.fidelity == "points" else ".png"

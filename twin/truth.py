@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from sensor_model.geometry import rotation_from_wxyz, transform
 from twin.pipe import Pipe
 
+STAMP_STEP_S = 1e-9
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -32,16 +34,24 @@ class Truth:
     wheel_angle_rad: Float[np.ndarray, "n wheels"]
     slip_mm_s: Float[np.ndarray, "n wheels"]
 
+    def sample_times_s(self, rate_hz: float) -> Float[np.ndarray, "m"]:
+        """When a sensor of a given rate samples the drive: from its start to its end."""
+        count = int(np.floor((self.time_s[-1] - self.time_s[0]) * rate_hz + 1e-9)) + 1
+        return np.minimum(self.time_s[0] + np.arange(count) / rate_hz, self.time_s[-1])
+
     def pose_at(self, time_s: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m 4 4"]:
         """`T_pipe_camera` at given times, cubic between samples for position and slerp for attitude.
 
+        A time may lie outside the drive by the rounding of a stamp to nanoseconds.
+
         Raises:
-            ValueError: for a time outside the drive.
+            ValueError: for a time further outside the drive.
         """
-        if np.min(time_s) < self.time_s[0] or np.max(time_s) > self.time_s[-1]:
+        held_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
+        if np.max(np.abs(held_s - time_s), initial=0.0) > STAMP_STEP_S:
             raise ValueError(f"times from {self.time_s[0]} to {self.time_s[-1]} s only")
-        rotation = Slerp(self.time_s, Rotation.from_quat(self.q_pipe_camera_wxyz[:, [1, 2, 3, 0]]))(time_s)
-        return transform(rotation.as_matrix(), CubicSpline(self.time_s, self.position_mm)(time_s))
+        rotation = Slerp(self.time_s, Rotation.from_quat(self.q_pipe_camera_wxyz[:, [1, 2, 3, 0]]))(held_s)
+        return transform(rotation.as_matrix(), CubicSpline(self.time_s, self.position_mm)(held_s))
 
 
 ARRAYS = [field.name for field in fields(Truth) if field.name != "pipe"]
@@ -58,13 +68,6 @@ def save_truth(truth: Truth, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(folder / "truth.npz", **{name: getattr(truth, name) for name in ARRAYS})
     (folder / "pipe.json").write_text(truth.pipe.model_dump_json(indent=1))
-
-
-def load_truth(folder: Path) -> Truth:
-    """Read what `save_truth` wrote."""
-    pipe = Pipe.model_validate_json((folder / "pipe.json").read_text())
-    with np.load(folder / "truth.npz", allow_pickle=False) as arrays:
-        return Truth(pipe=pipe, **{name: arrays[name] for name in ARRAYS})
 
 
 def from_path(

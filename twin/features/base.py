@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
+from sensor_model.geometry import wrap_rad
 from sensor_model.settings import ClockDeg, Settings
 
 ROW_LENGTH = 10
@@ -35,6 +36,10 @@ class Feature(Settings):
     def size(self, inner_radius_mm: float) -> TrueSize:
         """True length, width and largest depth."""
         raise NotImplementedError
+
+    def arc_mm(self, theta_rad: np.ndarray | float, inner_radius_mm: float) -> np.ndarray:
+        """Signed distance around the wall from the feature's middle, clockwise."""
+        return np.asarray(wrap_rad(theta_rad - np.radians(self.clock_deg)) * inner_radius_mm)
 
     def _own(self) -> tuple[float, float, tuple[float, ...]]:
         """Half extents in z and arc, mm, then the family's own numbers."""
