@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from algorithms.decode import DecodeSettings
 from algorithms.localisation.odometry import OdometrySettings
-from algorithms.registration import CylinderSettings
+from algorithms.registration import AnyRegistration, CylinderSettings
 from algorithms.sizing.measure import SizingSettings
 from algorithms.wall_map import MapSettings
 from sensor_model.settings import Settings
@@ -15,6 +15,6 @@ class Method(Settings):
 
     decode: DecodeSettings = DecodeSettings()
     localisation: OdometrySettings = OdometrySettings()
-    registration: CylinderSettings = CylinderSettings()
+    registration: AnyRegistration = CylinderSettings()
     map: MapSettings = MapSettings()
     sizing: SizingSettings = SizingSettings()

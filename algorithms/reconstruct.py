@@ -11,12 +11,12 @@ from algorithms.decode import decode
 from algorithms.localisation.odometry import Odometry, advance, launch, predict, settle
 from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
-from algorithms.registration.fusion import covariance, fuse
+from algorithms.registration.fusion import covariance
 from algorithms.sizing.background import deviation_mm, noise_mm
 from algorithms.sizing.measure import measure_defects
 from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
-from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory
+from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall
 from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall
 from sensor_model.geometry import wall_angle_rad
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
@@ -37,13 +37,16 @@ class State:
     pipe: NominalPipe
     method: Method
     builder: MapBuilder
+    wall: Wall
     odometry: Odometry | None = None
     results: list[FrameResult] = field(default_factory=list)
 
 
 def begin(rig: Rig, pipe: NominalPipe, method: Method) -> State:
     """Start a scan."""
-    return State(rig, pipe, method, MapBuilder(method.map))
+    registration = REGISTRATIONS[method.registration.kind]
+    seen = registration.begin(method.registration) if registration.begin else None
+    return State(rig, pipe, method, MapBuilder(method.map), Wall(pipe, seen))
 
 
 def see(frame: Frame, rig: Rig, method: Method) -> SlitPixels:
@@ -56,19 +59,20 @@ def see(frame: Frame, rig: Rig, method: Method) -> SlitPixels:
 
 
 def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
-    """One frame: triangulate, predict, register, fuse, map."""
+    """One frame: triangulate, predict, register, map."""
     points = triangulate(seen, state.rig)
-    align = REGISTRATIONS[state.method.registration.kind][1]
+    registration = REGISTRATIONS[state.method.registration.kind]
     if state.odometry is None:
         state.odometry = _launched(state, frame, points)
     else:
         state.odometry = advance(state.odometry, frame, state.rig, state.method.localisation)
     prior = predict(state.odometry, frame, state.rig, state.method.localisation)
-    alignment = align(points, state.pipe, prior, state.method.registration)
+    alignment = registration.align(points, state.wall, prior, state.method.registration)
     kept = np.zeros(points.sigma_mm.size, dtype=bool)
     if alignment.converged:
-        alignment = fuse(prior, alignment)
         state.odometry = settle(state.odometry, alignment)
+        if registration.grow:
+            registration.grow(state.wall.seen, points, alignment)
         kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
         add_points(state.builder, points, kept, alignment)
     result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
@@ -87,9 +91,9 @@ def decode_yield(points: RingPoints, state: State) -> float:
 
 def _launched(state: State, frame: Frame, points: RingPoints) -> Odometry:
     """Roll by gravity about the pipe's axis, which the first fit gives."""
-    settings, align = state.method.localisation, REGISTRATIONS[state.method.registration.kind][1]
+    settings, align = state.method.localisation, REGISTRATIONS[state.method.registration.kind].align
     level = launch(frame, state.rig, state.pipe.launch_mm, FORWARD, settings)
-    first = align(points, state.pipe, predict(level, frame, state.rig, settings), state.method.registration)
+    first = align(points, state.wall, predict(level, frame, state.rig, settings), state.method.registration)
     if not first.converged:
         return level
     return launch(frame, state.rig, state.pipe.launch_mm, first.T_pipe_camera[2, :3].copy(), settings)

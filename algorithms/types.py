@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from sensor_model.recording import NominalPipe
 
 Matrix6 = Float[np.ndarray, "6 6"]
 
@@ -25,11 +28,23 @@ class RingPoints:
 
 
 @dataclass(frozen=True)
+class Wall:
+    """What a registration is told of the wall: what is written down of the pipe, and what was seen of it so far.
+
+    `seen` is the method's own map, for those methods that register against one.
+    """
+
+    pipe: NominalPipe
+    seen: Any = None
+
+
+@dataclass(frozen=True)
 class Alignment:
     """Where the camera is in the pipe, and what that is worth.
 
     `information` is in the order tx ty tz rx ry rz (mm and rad, pipe axes, rotation about the camera's centre); a
-    direction that was not measured has none. `inliers` labels the points used; `reason` says why not converged.
+    direction that was not measured has none. `inliers` labels the points used; `reason` says why not converged, or
+    what makes a converged pose weak.
     """
 
     T_pipe_camera: Float[np.ndarray, "4 4"]
@@ -39,6 +54,18 @@ class Alignment:
     reason: str = ""
     radius_mm: float = float("nan")
     noise_scale: float = float("nan")
+
+    @property
+    def verdict(self) -> Literal["good", "weak", "failed"]:
+        """Whether to trust the pose; `reason` has the words."""
+        if not self.converged:
+            return "failed"
+        return "weak" if self.reason else "good"
+
+
+def failed(prior: Alignment, points: int, reason: str) -> Alignment:
+    """An alignment that says why there is none: the prior's pose, worth nothing."""
+    return Alignment(prior.T_pipe_camera, np.zeros((6, 6)), np.zeros(points, dtype=bool), False, reason)
 
 
 @dataclass(frozen=True)

@@ -54,8 +54,8 @@ def watch(spent: dict[str, list[float]]) -> None:
     for module, names in ((decoding, DECODE_PARTS), (measuring, ["decode", "step", "triangulate", "add_points"])):
         for name in names:
             setattr(module, name, timed(name, getattr(module, name), spent))
-    for kind, (settings, align) in REGISTRATIONS.items():
-        REGISTRATIONS[kind] = settings, timed("register", align, spent)
+    for kind, method in REGISTRATIONS.items():
+        REGISTRATIONS[kind] = method._replace(align=timed("register", method.align, spent))
 
 
 def per_frame() -> None:

@@ -102,7 +102,7 @@ def _known() -> dict[str, dict[str, str]]:
         "scenarios": {name: str(read_file(path).data["why"]) for name, path in library().items()},
         "drives": {name: _line(drive.settings) for name, drive in DRIVES.items()},
         "features": {name: _line(family) for name, family in FAMILIES.items()},
-        "registrations": {name: _line(settings) for name, (settings, _) in REGISTRATIONS.items()},
+        "registrations": {name: _line(method.settings) for name, method in REGISTRATIONS.items()},
     }
 
 

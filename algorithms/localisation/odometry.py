@@ -33,11 +33,12 @@ class OdometrySettings(Settings):
 
 @dataclass(frozen=True)
 class Odometry:
-    """What is carried from frame to frame: the first attitudes, the pipe's axis as last seen, filtered roll, travel."""
+    """What is carried from frame to frame: the first attitudes, axis and centre as last seen, filtered roll, travel."""
 
     R_pipe_camera_1: Float[np.ndarray, "3 3"]
     R_world_camera_1: Float[np.ndarray, "3 3"]
     axis_camera: Float[np.ndarray, "3"]
+    center_mm: Float[np.ndarray, "2"]
     roll: RollState | None
     distances_mm: Float[np.ndarray, "wheels"]
     launch_mm: float
@@ -67,6 +68,7 @@ def launch(
         R_pipe_camera_1=level_attitude(-R_world_camera[2], axis_camera),
         R_world_camera_1=R_world_camera,
         axis_camera=axis_camera,
+        center_mm=np.zeros(2),
         roll=begin_roll(frame, rig, axis_camera, settings.roll_filter) if settings.roll == "kalman" else None,
         distances_mm=wheel_distances_mm(frame.counts, rig),
         launch_mm=launch_mm,
@@ -85,12 +87,13 @@ def advance(odometry: Odometry, frame: Frame, rig: Rig, settings: OdometrySettin
 
 
 def settle(odometry: Odometry, alignment: Alignment) -> Odometry:
-    """Remember the pipe's axis of a registered frame; it hardly changes until the next."""
-    return replace(odometry, axis_camera=alignment.T_pipe_camera[2, :3].copy())
+    """Remember the pipe's axis and the centre of a registered frame; they hardly change until the next."""
+    T = alignment.T_pipe_camera
+    return replace(odometry, axis_camera=T[2, :3].copy(), center_mm=T[:2, 3].copy())
 
 
 def predict(odometry: Odometry, frame: Frame, rig: Rig, settings: OdometrySettings) -> Alignment:
-    """The prior of a frame: travel and roll, with nothing said of centre and tilt."""
+    """The prior of a frame: travel and roll; centre and tilt are where to start from, and worth nothing."""
     if odometry.roll is not None:
         R_pipe_camera = attitude(odometry.roll, odometry.axis_camera)
         roll_std = max(float(np.sqrt(odometry.roll.P[0, 0])), np.radians(settings.roll_std_deg))
@@ -103,5 +106,5 @@ def predict(odometry: Odometry, frame: Frame, rig: Rig, settings: OdometrySettin
     information[2, 2] = travel_std**-2
     information[5, 5] = roll_std**-2
     return Alignment(
-        transform(R_pipe_camera, np.array([0.0, 0.0, odometry.launch_mm + odometry.travel_mm])), information
+        transform(R_pipe_camera, np.append(odometry.center_mm, odometry.launch_mm + odometry.travel_mm)), information
     )

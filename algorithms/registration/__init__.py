@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field
 
 from algorithms.registration import cylinder
 from algorithms.registration.cylinder import CylinderSettings
 from algorithms.types import Alignment
 
-Align = Callable[..., Alignment]
 
-REGISTRATIONS: dict[str, tuple[type[CylinderSettings], Align]] = {
-    "cylinder": (CylinderSettings, cylinder.align),
+class Registration(NamedTuple):
+    """A method: its settings and its verb, `align(points, wall, prior, settings)`, which gives the posterior.
+
+    One that registers against the wall seen so far keeps a map of it: `begin(settings)` makes an empty one, and
+    `grow(seen, points, alignment)` puts a registered frame into it.
+    """
+
+    settings: type[Any]
+    align: Callable[..., Alignment]
+    begin: Callable[..., Any] | None = None
+    grow: Callable[..., None] | None = None
+
+
+REGISTRATIONS = {
+    "cylinder": Registration(CylinderSettings, cylinder.align),
 }
+
+AnyRegistration = Annotated[CylinderSettings, Field()]

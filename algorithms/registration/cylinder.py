@@ -9,10 +9,10 @@ from jaxtyping import Float
 from numba import njit
 from pydantic import Field
 
+from algorithms.registration.fusion import fuse
 from algorithms.robust import MAD_TO_SIGMA
-from algorithms.types import Alignment, RingPoints
+from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.geometry import swing_onto, transform
-from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
 SAMPLE = 10
@@ -47,17 +47,17 @@ class CylinderFit(NamedTuple):
     converged: bool
 
 
-def align(points: RingPoints, pipe: NominalPipe, prior: Alignment, settings: CylinderSettings) -> Alignment:
+def align(points: RingPoints, wall: Wall, prior: Alignment, settings: CylinderSettings) -> Alignment:
     """Where the camera is across the pipe and how it is tilted; travel and roll are taken from the prior.
 
     The residual is the distance of a point from the cylinder, in units of its standard deviation across the wall. To
     first order this is Eq. 10, whose distance runs along the ray: both are the same range error over the same slope.
     """
-    n = points.sigma_mm.size
+    n, pipe = points.sigma_mm.size, wall.pipe
     if n < MIN_POINTS:
-        return _failed(prior, n, f"{n} points; at least {MIN_POINTS} are needed")
+        return failed(prior, n, f"{n} points; at least {MIN_POINTS} are needed")
     if not np.isfinite(points.xyz_mm).all():
-        return _failed(prior, n, "points that are not finite")
+        return failed(prior, n, "points that are not finite")
     across = np.linalg.norm(points.direction[:, :2], axis=1)
     sigma = np.maximum(points.sigma_mm * np.maximum(across, 0.1), 1e-6)
     held = pipe.inner_radius_mm if settings.radius == "held" else 0.0
@@ -69,16 +69,12 @@ def align(points: RingPoints, pipe: NominalPipe, prior: Alignment, settings: Cyl
     fit = refine(points.xyz_mm, sigma, parameters, z_mid, held > 0, settings.inlier_sigmas)
     share = fit.inliers.mean()
     if not fit.converged:
-        return _failed(prior, n, "the fit did not settle")
+        return failed(prior, n, "the fit did not settle")
     if share < settings.min_inlier_share:
-        return _failed(prior, n, f"only {share:.0%} of the points lie on one cylinder")
+        return failed(prior, n, f"only {share:.0%} of the points lie on one cylinder")
     if not 0.5 < fit.radius_mm / pipe.inner_radius_mm < 1.5:
-        return _failed(prior, n, f"radius {fit.radius_mm:.1f} mm in a pipe of {pipe.inner_radius_mm:.1f} mm")
-    return _alignment(points, sigma, fit, prior, held > 0)
-
-
-def _failed(prior: Alignment, n: int, reason: str) -> Alignment:
-    return Alignment(prior.T_pipe_camera, np.zeros((6, 6)), np.zeros(n, dtype=bool), converged=False, reason=reason)
+        return failed(prior, n, f"radius {fit.radius_mm:.1f} mm in a pipe of {pipe.inner_radius_mm:.1f} mm")
+    return fuse(prior, _alignment(points, sigma, fit, prior, held > 0))
 
 
 def _alignment(points: RingPoints, sigma: np.ndarray, fit: CylinderFit, prior: Alignment, held: bool) -> Alignment:

@@ -11,7 +11,7 @@ from algorithms.registration import REGISTRATIONS
 from algorithms.registration.cylinder import CylinderSettings, fit_cylinder, refine
 from algorithms.registration.fusion import covariance, fuse
 from algorithms.triangulate import triangulate
-from algorithms.types import Alignment, RingPoints
+from algorithms.types import Alignment, RingPoints, Wall
 from sensor_model.geometry import twist_about_z_rad
 from sensor_model.points import PointNoise, see_slits
 from sensor_model.recording import NominalPipe
@@ -45,8 +45,8 @@ def _error(a, T):
 
 @pytest.fixture(params=sorted(REGISTRATIONS))
 def align(request):
-    settings, verb = REGISTRATIONS[request.param]
-    return lambda points, prior, **changes: verb(points, NOMINAL, prior, settings(**changes))
+    method = REGISTRATIONS[request.param]
+    return lambda points, prior, **changes: method.align(points, Wall(NOMINAL), prior, method.settings(**changes))
 
 
 def test_exact_points_give_the_exact_pose_past_a_deep_defect(align):
@@ -63,7 +63,7 @@ def test_noise_is_averaged_as_the_information_says(align):
     errors, information = [], None
     for seed in range(12):
         T, points = _scene(seed=seed)
-        found = align(points, _prior(T))
+        found = align(points, Alignment(_prior(T).T_pipe_camera, np.zeros((6, 6))))
         errors.append(found.T_pipe_camera[:2, 3] - T[:2, 3])
         # off centre, roll and centre are known only together; here the prior's roll is exact
         exact = Alignment(found.T_pipe_camera, np.diag([0, 0, 1.0, 0, 0, 1e12]))
@@ -84,7 +84,7 @@ def test_moving_the_camera_moves_the_answer(align):
 
 def test_travel_and_roll_are_left_to_the_prior(align):
     T, points = _scene()
-    found = align(points, _prior(T))
+    found = align(points, Alignment(_prior(T).T_pipe_camera, np.zeros((6, 6))))
     values = np.linalg.eigvalsh(found.information / np.outer([1, 1, 1, 100, 100, 100], [1, 1, 1, 100, 100, 100]))
     assert (np.abs(values[:2]) < 1e-9 * values[-1]).all()
     assert values[2] > 1
@@ -110,8 +110,8 @@ def test_the_inlier_threshold_follows_the_noise(align):
 
 def test_a_held_radius_is_held():
     T, points = _scene(noise_px=0.1)
-    settings, verb = REGISTRATIONS["cylinder"]
-    found = verb(points, NOMINAL, _prior(T), settings(radius="held"))
+    method = REGISTRATIONS["cylinder"]
+    found = method.align(points, Wall(NOMINAL), _prior(T), method.settings(radius="held"))
     assert found.radius_mm == 76.2
     assert _error(found, T)[0] < 0.05
 

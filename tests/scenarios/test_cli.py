@@ -226,7 +226,11 @@ def test_debug_shows_where(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_run_is_one_line_and_leaves_nothing(tmp_path: Path, sent: signal.Signals, status: int) -> None:
     command = [*STAND_IN_RUN, "--seed", "3"]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    # a shell that starts tests in the background has them ignore Ctrl-C, and children inherit that
+    heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heard
+    ) as process:
         assert process.stderr is not None
         assert process.stderr.readline() == "waiting\n"
         process.send_signal(sent)
