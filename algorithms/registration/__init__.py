@@ -7,8 +7,9 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from algorithms.registration import cylinder
+from algorithms.registration import cylinder, cylinder_map
 from algorithms.registration.cylinder import CylinderSettings
+from algorithms.registration.cylinder_map import CylinderMapSettings
 from algorithms.types import Alignment
 
 
@@ -27,6 +28,7 @@ class Registration(NamedTuple):
 
 REGISTRATIONS = {
     "cylinder": Registration(CylinderSettings, cylinder.align),
+    "cylinder-map": Registration(CylinderMapSettings, cylinder_map.align),
 }
 
-AnyRegistration = Annotated[CylinderSettings, Field()]
+AnyRegistration = Annotated[CylinderSettings | CylinderMapSettings, Field(discriminator="kind")]

@@ -19,6 +19,8 @@ def fuse(prior: Alignment, measured: Alignment) -> Alignment:
     """
     total = prior.information + measured.information
     gap = prior.information @ _difference(prior.T_pipe_camera, measured.T_pipe_camera)
+    if not np.abs(gap / SCALE).max() > 1e-12 * np.abs(_scaled(total)).max():  # they agree where the prior knows
+        return replace(measured, information=total)
     # directions that neither knows stay as measured: the pseudo-inverse moves nothing along them
     move = np.linalg.pinv(_scaled(total), hermitian=True, rcond=1e-15) @ (gap / SCALE) / SCALE
     R = Rotation.from_rotvec(move[3:]).as_matrix() @ measured.T_pipe_camera[:3, :3]

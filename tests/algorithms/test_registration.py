@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from algorithms.registration import REGISTRATIONS
-from algorithms.registration.cylinder import CylinderSettings, fit_cylinder, refine
+from algorithms.registration.cylinder import CylinderSettings
 from algorithms.registration.fusion import covariance, fuse
+from algorithms.registration.least_squares_cylinder import fit_cylinder
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, RingPoints, Wall
 from sensor_model.geometry import twist_about_z_rad
@@ -108,14 +108,6 @@ def test_the_inlier_threshold_follows_the_noise(align):
         assert 0.85 < share < 0.999
 
 
-def test_a_held_radius_is_held():
-    T, points = _scene(noise_px=0.1)
-    method = REGISTRATIONS["cylinder"]
-    found = method.align(points, Wall(NOMINAL), _prior(T), method.settings(radius="held"))
-    assert found.radius_mm == 76.2
-    assert _error(found, T)[0] < 0.05
-
-
 def test_another_radius_is_found_free_of_the_nominal_one(align):
     T, points = _scene(noise_px=0.1, radius=77.5)
     found = align(points, _prior(T))
@@ -158,25 +150,6 @@ def test_what_cannot_be_fitted_fails_with_a_reason(align, kind):
     assert found.reason
     assert not found.information.any()
     assert not found.inliers.any()
-
-
-def test_refinement_agrees_with_scipy():
-    rng = np.random.default_rng(3)
-    theta, z = rng.uniform(0, 5, 400), rng.uniform(-60, 60, 400)
-    xyz = np.stack([76 * np.sin(theta), -76 * np.cos(theta), z], axis=1) + rng.normal(size=(400, 3)) * 0.2
-    xyz = Rotation.from_euler("xy", [3, -2], degrees=True).apply(xyz) + np.array([3, 2, 100])
-    start, z_mid = np.array([0, 0, 0, 0, 70.0]), 100.0
-
-    def residual(p):
-        axis = np.array([p[2], p[3], 1.0]) / np.sqrt(1 + p[2] ** 2 + p[3] ** 2)
-        return np.linalg.norm(np.cross(xyz - [p[0], p[1], z_mid], axis), axis=1) - p[4]
-
-    ours = refine(xyz, np.ones(400), start, z_mid, False, np.inf)
-    theirs = least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
-    assert ours.converged
-    assert np.allclose(ours.center_mm[:2], theirs[:2], atol=1e-7)
-    assert np.allclose(ours.axis[:2] / ours.axis[2], theirs[2:4], atol=1e-9)
-    assert ours.radius_mm == pytest.approx(theirs[4], abs=1e-8)
 
 
 def test_reference_cylinders_of_the_ptb(shared):
