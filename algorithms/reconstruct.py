@@ -59,8 +59,21 @@ def see(frame: Frame, rig: Rig, method: Method) -> SlitPixels:
 
 
 def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
-    """One frame: triangulate, predict, register, map."""
+    """One frame: triangulate, register, map."""
     points = triangulate(seen, state.rig)
+    alignment = register(state, frame, points)
+    kept = np.zeros(points.sigma_mm.size, dtype=bool)
+    if alignment.converged:
+        kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
+        add_points(state.builder, points, kept, alignment)
+    result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
+    # the points live on in the map only
+    state.results.append(replace(result, points=_NOTHING, kept=np.zeros(0, dtype=bool)))
+    return result
+
+
+def register(state: State, frame: Frame, points: RingPoints) -> Alignment:
+    """One frame's pose: predicted by odometry and IMU, then aligned."""
     registration = REGISTRATIONS[state.method.registration.kind]
     if state.odometry is None:
         state.odometry = _launched(state, frame, points)
@@ -68,17 +81,11 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
         state.odometry = advance(state.odometry, frame, state.rig, state.method.localisation)
     prior = predict(state.odometry, frame, state.rig, state.method.localisation)
     alignment = registration.align(points, state.wall, prior, state.method.registration)
-    kept = np.zeros(points.sigma_mm.size, dtype=bool)
     if alignment.converged:
         state.odometry = settle(state.odometry, alignment)
         if registration.grow:
             registration.grow(state.wall.seen, points, alignment)
-        kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
-        add_points(state.builder, points, kept, alignment)
-    result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
-    # the points live on in the map only
-    state.results.append(replace(result, points=_NOTHING, kept=np.zeros(0, dtype=bool)))
-    return result
+    return alignment
 
 
 def decode_yield(points: RingPoints, state: State) -> float:

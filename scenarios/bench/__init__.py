@@ -1,0 +1,1 @@
+"""Benches: registration methods against each other, on frames and on scans."""
