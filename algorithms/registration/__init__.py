@@ -7,8 +7,10 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from algorithms.registration import cylinder
+from algorithms.registration import cylinder, cylinder_variance, ellipsoid
 from algorithms.registration.cylinder import CylinderSettings
+from algorithms.registration.cylinder_variance import CylinderVarianceSettings
+from algorithms.registration.ellipsoid import EllipsoidSettings
 from algorithms.types import Alignment
 
 
@@ -27,6 +29,11 @@ class Registration(NamedTuple):
 
 REGISTRATIONS = {
     "cylinder": Registration(CylinderSettings, cylinder.align),
+    "cylinder-variance": Registration(CylinderVarianceSettings, cylinder_variance.align),
+    "ellipsoid": Registration(EllipsoidSettings, ellipsoid.align),
 }
 
-AnyRegistration = Annotated[CylinderSettings, Field()]
+AnyRegistration = Annotated[
+    CylinderSettings | CylinderVarianceSettings | EllipsoidSettings,
+    Field(discriminator="kind"),
+]
