@@ -7,10 +7,12 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from algorithms.registration import cylinder, cylinder_variance, ellipsoid
+from algorithms.registration import cylinder, cylinder_variance, ellipsoid, icp, icp_axis
 from algorithms.registration.cylinder import CylinderSettings
 from algorithms.registration.cylinder_variance import CylinderVarianceSettings
 from algorithms.registration.ellipsoid import EllipsoidSettings
+from algorithms.registration.icp import IcpSettings
+from algorithms.registration.icp_axis import IcpAxisSettings
 from algorithms.types import Alignment
 
 
@@ -31,9 +33,11 @@ REGISTRATIONS = {
     "cylinder": Registration(CylinderSettings, cylinder.align),
     "cylinder-variance": Registration(CylinderVarianceSettings, cylinder_variance.align),
     "ellipsoid": Registration(EllipsoidSettings, ellipsoid.align),
+    "icp": Registration(IcpSettings, icp.align, icp.begin, icp.grow),
+    "icp-axis": Registration(IcpAxisSettings, icp_axis.align, icp_axis.begin, icp_axis.grow),
 }
 
 AnyRegistration = Annotated[
-    CylinderSettings | CylinderVarianceSettings | EllipsoidSettings,
+    CylinderSettings | CylinderVarianceSettings | EllipsoidSettings | IcpSettings | IcpAxisSettings,
     Field(discriminator="kind"),
 ]

@@ -63,7 +63,7 @@ def fit_quadric(
     x, y, z = ((xyz_mm - middle) / scale).T
     root2 = np.sqrt(2.0)
     columns = [2 * x, 2 * y, 2 * z, np.ones_like(x), x * x, y * y, z * z, root2 * x * y, root2 * x * z, root2 * y * z]
-    R = np.linalg.qr(np.column_stack(columns), mode="r")
+    R = np.asarray(np.linalg.qr(np.column_stack(columns), mode="r"))
     q = np.linalg.svd(R[4:, 4:])[2][-1]
     q *= 1.0 if q[:3].sum() > 0 else -1.0
     b_and_c = -np.linalg.solve(R[:4, :4], R[:4, 4:] @ q)
