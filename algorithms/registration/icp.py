@@ -21,8 +21,8 @@ from sensor_model.settings import Settings
 
 TUKEY_SIGMAS = 4.685  # the biweight that keeps 95 % of the efficiency under normal noise
 LEAST_SCALE_MM = 1e-6
-DAMPING = 1e-9  # of the normal matrix' own diagonal: only so that it can be solved
-SETTLED_MM = 1e-4
+DAMPING = 1e-3  # Levenberg's, of the normal matrix' trace: a motion that hardly shows is made in small steps
+SETTLED_MM = 1e-4  # by how much a step changes the residuals
 NEARLY_SETTLED_MM = 0.05  # nearest neighbours may swap for ever: below the noise that is no failure
 
 
@@ -89,23 +89,22 @@ def iterate(
     # thinned as the prior sees them, so that it does not matter how the camera's axes lie
     xyz = thinned(apply(T_start, points.xyz_mm), cloud.settings.voxel_mm)
     pivot, moved = np.array([0.0, 0.0, float(xyz[:, 2].mean())]), np.eye(4)
-    length = np.inf
+    change = np.inf
     for _ in range(settings.iterations):
         here = apply(moved, xyz)
         found = match(cloud, here, settings.correspondence_mm)
         if found.rows.mean() < settings.min_matched_share:
             return Settled(T_start, f"only {found.rows.mean():.0%} of the points lie near the wall seen so far")
         step = np.zeros(6)
-        step[free] = _step(found, here[found.rows] - pivot, free)
+        step[free], change = _step(found, here[found.rows] - pivot, free)
         if not np.isfinite(step).all():
             return Settled(T_start, "the wall seen so far fixes no pose")
         R = Rotation.from_rotvec(step[3:]).as_matrix()
         moved = transform(R, pivot - R @ pivot + step[:3]) @ moved
-        length = float(np.linalg.norm(step * SCALE))
-        if length < SETTLED_MM:
+        if change < SETTLED_MM:
             break
-    if length > NEARLY_SETTLED_MM:
-        return Settled(T_start, f"still moving by {length:.2g} mm after {settings.iterations} iterations")
+    if change > NEARLY_SETTLED_MM:
+        return Settled(T_start, f"still moving by {change:.2g} mm after {settings.iterations} iterations")
     return Settled(moved @ T_start)
 
 
@@ -119,15 +118,13 @@ def match(cloud: GrowingCloud, xyz_pipe_mm: Float[np.ndarray, "n 3"], correspond
     return Matches(rows, normal, np.sum(normal * (xyz_pipe_mm[rows] - plane_mm), axis=1))
 
 
-def _step(found: Matches, lever_mm: Float[np.ndarray, "k 3"], free: list[int]) -> Float[np.ndarray, "free"]:
-    """One Gauss-Newton step on the distances from the planes, robust by Tukey's biweight."""
-    J = jacobian(found.normal, lever_mm)[:, free]
+def _step(found: Matches, lever_mm: Float[np.ndarray, "k 3"], free: list[int]) -> tuple[np.ndarray, float]:
+    """One step of Levenberg's on the distances from the planes, and by how much it changes them (RMS, mm)."""
+    J = jacobian(found.normal, lever_mm)[:, free] / SCALE[free]
     w = biweight(found.residual_mm)
     H, g = (J * w[:, None]).T @ J, (J * w[:, None]).T @ found.residual_mm
-    diagonal = np.diag(H).copy()
-    if not (diagonal > 0).all():
-        return np.full(len(free), np.nan)
-    return -np.linalg.solve(H + np.diag(DAMPING * diagonal), g)
+    step = -np.linalg.solve(H + DAMPING * np.trace(H) * np.eye(len(free)), g)
+    return step / SCALE[free], float(np.sqrt(step @ H @ step / w.sum()))
 
 
 def jacobian(normal: Float[np.ndarray, "k 3"], lever_mm: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6"]:
