@@ -7,12 +7,14 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from algorithms.registration import cylinder, cylinder_variance, ellipsoid, icp, icp_axis
+from algorithms.registration import cylinder, cylinder_variance, ellipsoid, gicp, icp, icp_axis, vgicp
 from algorithms.registration.cylinder import CylinderSettings
 from algorithms.registration.cylinder_variance import CylinderVarianceSettings
 from algorithms.registration.ellipsoid import EllipsoidSettings
+from algorithms.registration.gicp import GicpSettings
 from algorithms.registration.icp import IcpSettings
 from algorithms.registration.icp_axis import IcpAxisSettings
+from algorithms.registration.vgicp import VgicpSettings
 from algorithms.types import Alignment
 
 
@@ -35,9 +37,17 @@ REGISTRATIONS = {
     "ellipsoid": Registration(EllipsoidSettings, ellipsoid.align),
     "icp": Registration(IcpSettings, icp.align, icp.begin, icp.grow),
     "icp-axis": Registration(IcpAxisSettings, icp_axis.align, icp_axis.begin, icp_axis.grow),
+    "gicp": Registration(GicpSettings, gicp.align, gicp.begin, gicp.grow),
+    "vgicp": Registration(VgicpSettings, vgicp.align, vgicp.begin, vgicp.grow),
 }
 
 AnyRegistration = Annotated[
-    CylinderSettings | CylinderVarianceSettings | EllipsoidSettings | IcpSettings | IcpAxisSettings,
+    CylinderSettings
+    | CylinderVarianceSettings
+    | EllipsoidSettings
+    | IcpSettings
+    | IcpAxisSettings
+    | GicpSettings
+    | VgicpSettings,
     Field(discriminator="kind"),
 ]

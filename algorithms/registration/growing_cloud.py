@@ -13,6 +13,7 @@ from sensor_model.settings import Settings
 
 HALF_KEYS = 1 << 20  # cells on either side of the origin, along each axis: three of them fit into 63 bits
 LINE_SHARE = 0.1  # a neighbourhood narrower than this share of its length has no plane
+EDGE_SHARE = 0.5  # nor has one whose middle lies off the point by more than this share of its length
 
 
 class CloudSettings(Settings):
@@ -94,13 +95,19 @@ def refresh_normals(cloud: GrowingCloud, fresh: Bool[np.ndarray, "m"]) -> None:
     stale = np.unique(np.append(around, np.flatnonzero(fresh)))
     stale = stale[stale < len(points)]
     distance, around = cloud.tree.query(points[stale], neighbours, distance_upper_bound=reach_mm)
-    cloud.normal[stale] = _normals(np.vstack([points, np.zeros(3)])[around], np.isfinite(distance))
+    off = np.vstack([points, np.zeros(3)])[around] - points[stale][:, None]
+    cloud.normal[stale] = _normals(off, np.isfinite(distance))
 
 
-def _normals(neighbours_mm: Float[np.ndarray, "n k 3"], there: Bool[np.ndarray, "n k"]) -> Float[np.ndarray, "n 3"]:
-    """The direction in which neighbours scatter least; NaN where they lie along a line."""
+def _normals(off_mm: Float[np.ndarray, "n k 3"], there: Bool[np.ndarray, "n k"]) -> Float[np.ndarray, "n 3"]:
+    """The direction in which neighbours scatter least, by their offsets; NaN where they lie along a line.
+
+    And at an edge of what was seen: there the neighbours of a curved wall lie on a chord of it, not on its tangent.
+    """
     weight = there / there.sum(axis=1, keepdims=True)
-    off = (neighbours_mm - np.einsum("nk,nki->ni", weight, neighbours_mm)[:, None]) * np.sqrt(weight)[:, :, None]
-    extent2, axes = np.linalg.eigh(np.swapaxes(off, 1, 2) @ off)
+    middle = np.einsum("nk,nki->ni", weight, off_mm)
+    spread = (off_mm - middle[:, None]) * np.sqrt(weight)[:, :, None]
+    extent2, axes = np.linalg.eigh(np.swapaxes(spread, 1, 2) @ spread)
     flat = extent2[:, 1] > LINE_SHARE**2 * extent2[:, 2]
-    return np.where(flat[:, None], axes[:, :, 0], np.nan)
+    inside = np.sum(middle**2, axis=1) < EDGE_SHARE**2 * extent2[:, 2]
+    return np.where((flat & inside)[:, None], axes[:, :, 0], np.nan)
