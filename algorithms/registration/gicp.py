@@ -19,7 +19,7 @@ from sensor_model.geometry import apply
 from sensor_model.settings import Settings
 
 NOT_INSTALLED = "small_gicp is not installed: pip install 'pipetwin[gicp]'"
-RESTS_RAD, RESTS_MM = 1e-6, 1e-4
+RESTS_RAD, RESTS_MM = 1e-4, 1e-2  # a wall point moves by 0.01 mm
 
 
 class GicpSettings(Settings):
@@ -27,7 +27,7 @@ class GicpSettings(Settings):
 
     kind: Literal["gicp"] = "gicp"
     start: Start = "cylinder"
-    cloud: CloudSettings = CloudSettings()
+    cloud: CloudSettings = CloudSettings(voxel_mm=4.0)
     correspondence_mm: Annotated[float, Field(gt=0, le=100)] = 5.0
     iterations: Annotated[int, Field(ge=1, le=1000)] = 50
     min_matched_share: Annotated[float, Field(gt=0, lt=1)] = 0.3
@@ -102,17 +102,21 @@ def prepared(points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], settin
 def concluded(
     found: Any, points: RingPoints, prior: Alignment, matched: Bool[np.ndarray, "n"], min_matched_share: float
 ) -> Alignment:
-    """small_gicp's result as an alignment: its own Hessian over its own residuals' scale."""
+    """small_gicp's result as an alignment: its own Hessian over its own residuals' scale.
+
+    Its authors take what the last iteration gives; here such a pose is called weak.
+    """
     n = points.sigma_mm.size
     if matched.mean() < min_matched_share:
         return failed(prior, n, f"only {matched.mean():.0%} of the points lie near the wall seen so far")
-    if not (found.converged and found.num_inliers and np.isfinite(found.T_target_source).all()):
-        return failed(prior, n, f"still moving after {found.iterations} iterations")
+    if not (found.num_inliers and np.isfinite(found.T_target_source).all()):
+        return failed(prior, n, "no pose that is finite")
     T_pipe_camera = found.T_target_source @ prior.T_pipe_camera
     scale2 = max(2 * found.error / found.num_inliers, 1e-12)  # its error is half the sum of squares
     to_theirs = _to_their_motion(found.T_target_source, T_pipe_camera[:3, 3])
     information = to_theirs.T @ found.H @ to_theirs / scale2
-    return fuse(prior, Alignment(T_pipe_camera, information, matched))
+    weak = "" if found.converged else f"still moving after {found.iterations + 1} iterations"
+    return fuse(prior, Alignment(T_pipe_camera, information, matched, reason=weak))
 
 
 def _to_their_motion(T: Float[np.ndarray, "4 4"], camera_mm: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 6"]:

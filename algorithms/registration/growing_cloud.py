@@ -20,7 +20,7 @@ class CloudSettings(Settings):
     """How finely the cloud is kept, how far from the camera along the pipe, and what a normal is made of."""
 
     voxel_mm: Annotated[float, Field(gt=0.05, le=50)] = 3.0
-    behind_mm: Annotated[float, Field(gt=0, le=5000)] = 100.0
+    behind_mm: Annotated[float, Field(gt=0, le=5000)] = 50.0
     ahead_mm: Annotated[float, Field(gt=0, le=5000)] = 400.0
     neighbours: Annotated[int, Field(ge=5, le=500)] = 60
     neighbours_within_mm: Annotated[float, Field(gt=0, le=500)] = 40.0

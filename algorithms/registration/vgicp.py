@@ -23,7 +23,7 @@ class VgicpSettings(Settings):
     kind: Literal["vgicp"] = "vgicp"
     start: Start = "cylinder"
     cloud: CloudSettings = CloudSettings()
-    map_voxel_mm: Annotated[float, Field(gt=0.1, le=100)] = 8.0
+    map_voxel_mm: Annotated[float, Field(gt=0.1, le=100)] = 5.0
     forget_after_frames: Annotated[int, Field(ge=1, le=10_000)] = 100
     correspondence_mm: Annotated[float, Field(gt=0, le=100)] = 10.0
     iterations: Annotated[int, Field(ge=1, le=1000)] = 50
