@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from algorithms.registration.checks import unfit
 from algorithms.registration.first_frame import Start, place_first
 from algorithms.registration.from_axis import sigma_across_mm
-from algorithms.registration.fusion import SCALE, fuse
+from algorithms.registration.fusion import fuse
 from algorithms.registration.growing_cloud import CloudSettings, GrowingCloud, add_to_cloud, refresh_normals, thinned
 from algorithms.robust import spread
 from algorithms.types import Alignment, RingPoints, Wall, failed
@@ -89,6 +89,8 @@ def iterate(
     # thinned as the prior sees them, so that it does not matter how the camera's axes lie
     xyz = thinned(apply(T_start, points.xyz_mm), cloud.settings.voxel_mm)
     pivot, moved = np.array([0.0, 0.0, float(xyz[:, 2].mean())]), np.eye(4)
+    reach = float(np.sqrt(np.mean(np.sum((xyz - pivot) ** 2, axis=1))))
+    levers = np.array([1.0, 1.0, 1.0, reach, reach, reach])  # a turn counts by how far it moves the points
     change = np.inf
     for _ in range(settings.iterations):
         here = apply(moved, xyz)
@@ -96,7 +98,7 @@ def iterate(
         if found.rows.mean() < settings.min_matched_share:
             return Settled(T_start, f"only {found.rows.mean():.0%} of the points lie near the wall seen so far")
         step = np.zeros(6)
-        step[free], change = _step(found, here[found.rows] - pivot, free)
+        step[free], change = _step(found, here[found.rows] - pivot, free, levers)
         if not np.isfinite(step).all():
             return Settled(T_start, "the wall seen so far fixes no pose")
         R = Rotation.from_rotvec(step[3:]).as_matrix()
@@ -118,13 +120,15 @@ def match(cloud: GrowingCloud, xyz_pipe_mm: Float[np.ndarray, "n 3"], correspond
     return Matches(rows, normal, np.sum(normal * (xyz_pipe_mm[rows] - plane_mm), axis=1))
 
 
-def _step(found: Matches, lever_mm: Float[np.ndarray, "k 3"], free: list[int]) -> tuple[np.ndarray, float]:
+def _step(
+    found: Matches, lever_mm: Float[np.ndarray, "k 3"], free: list[int], levers: Float[np.ndarray, "6"]
+) -> tuple[np.ndarray, float]:
     """One step of Levenberg's on the distances from the planes, and by how much it changes them (RMS, mm)."""
-    J = jacobian(found.normal, lever_mm)[:, free] / SCALE[free]
+    J = jacobian(found.normal, lever_mm)[:, free] / levers[free]
     w = biweight(found.residual_mm)
     H, g = (J * w[:, None]).T @ J, (J * w[:, None]).T @ found.residual_mm
     step = -np.linalg.solve(H + DAMPING * np.trace(H) * np.eye(len(free)), g)
-    return step / SCALE[free], float(np.sqrt(step @ H @ step / w.sum()))
+    return step / levers[free], float(np.sqrt(step @ H @ step / w.sum()))
 
 
 def jacobian(normal: Float[np.ndarray, "k 3"], lever_mm: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6"]:
