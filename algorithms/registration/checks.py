@@ -11,7 +11,7 @@ MIN_POINTS = 30
 FLAT_SHARE = 1e-4
 FLAT_SIGMAS = 3.0
 RADIUS_SHARES = (0.5, 1.5)
-MOST_SCATTER_SHARE = 0.15  # a defect as deep as the wall scatters the radii of a whole frame by 4 % of the radius
+MOST_SCATTER_SHARE = 0.3  # a defect as deep as the wall scatters the radii of a whole frame by 4 % of the radius
 
 
 def unfit(points: RingPoints) -> str:

@@ -124,10 +124,12 @@ def _step(
     found: Matches, lever_mm: Float[np.ndarray, "k 3"], free: list[int], levers: Float[np.ndarray, "6"]
 ) -> tuple[np.ndarray, float]:
     """One step of Levenberg's on the distances from the planes, and by how much it changes them (RMS, mm)."""
-    J = jacobian(found.normal, lever_mm)[:, free] / levers[free]
+    J = jacobian(found.normal, lever_mm) / levers
     w = biweight(found.residual_mm)
     H, g = (J * w[:, None]).T @ J, (J * w[:, None]).T @ found.residual_mm
-    step = -np.linalg.solve(H + DAMPING * np.trace(H) * np.eye(len(free)), g)
+    damping = DAMPING * np.trace(H) * np.eye(len(free))
+    H = H[np.ix_(free, free)]
+    step = -np.linalg.solve(H + damping, g[free])
     return step / levers[free], float(np.sqrt(step @ H @ step / w.sum()))
 
 

@@ -38,17 +38,20 @@ class Limit(NamedTuple):
 
 
 # A plane through a voxel's mean touches the wall; half a voxel aside the wall has left it by s^2 / 8 R: 0.015 mm for
-# voxels of 3 mm, 0.026 mm for 4 mm. That is all alike around a full circle, but for how rings and voxels fall together.
+# voxels of 3 mm, 0.026 mm for 4 mm, 0.04 mm for 5 mm. All around a full circle most of that falls out.
+# What rounds alike is told alike, but which of two points is the nearer may turn on the last bit.
 LIMITS = {
-    "icp": Limit(0.05, 0.03, 0.02, "planes of 3 mm voxels; which point is nearest may change with rounding"),
-    "gicp": Limit(0.05, 0.03, 0.05, "planes of 4 mm voxels on both sides; small_gicp rests at 0.01 mm"),
+    "cylinder": Limit(retold_mm=0.005, why="its weights take the camera's axis for the pipe's, some degrees off"),
+    "icp": Limit(0.015, 0.01, 0.02, "planes of 3 mm voxels"),
+    "icp-axis": Limit(0.01, 1e-5, 0.05, "tilt is the cylinder's; the centre turns with the ICP's roll"),
+    "gicp": Limit(0.03, 0.02, 0.05, "planes of 4 mm voxels on both sides; small_gicp rests at 0.01 mm"),
     "vgicp": Limit(0.08, 0.05, 0.05, "one distribution in 5 mm of a curved wall; small_gicp rests at 0.01 mm"),
-    "icp-axis": Limit(retold_mm=0.1, why="centre and tilt are the cylinder's; along the axis it is an ICP"),
 }
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "adding-a-registration.md"
 EXAMPLE = "plain"
 METHODS = [*sorted(REGISTRATIONS), EXAMPLE]
+OF_SMALL_GICP = ("gicp", "vgicp")
 
 
 def _example(folder: Path) -> Registration:
@@ -152,6 +155,8 @@ def _scaled(values, factor):
 
 @pytest.fixture(params=METHODS)
 def method(request):
+    if request.param in OF_SMALL_GICP:
+        pytest.importorskip("small_gicp")
     return Method(request.param)
 
 
@@ -168,7 +173,6 @@ def _error(found, T):
 def _told_alike(method, points, a, b, factor=1.0):
     """Two alignments put the same points in the same place."""
     off = apply(a, points.xyz_mm) - b
-    print("RETOLD", method.kind, np.abs(off).max(axis=0))
     assert np.abs(off).max() < method.limit.retold_mm * factor
 
 
@@ -182,7 +186,6 @@ def test_exact_points_give_the_exact_pose(method):
         found = method.align(_look(T), prior, _seen(method.kind))
         assert found.converged, found.reason
         center, tilt = _error(found, T)
-        print("EXACT", method.kind, center, tilt)
         assert center < method.limit.center_mm
         assert tilt < method.limit.tilt_deg
 
@@ -205,7 +208,7 @@ def test_a_first_frame_is_placed_without_a_map(method):
 @pytest.mark.parametrize(
     "motion",
     [
-        transform(Rotation.from_euler("xyz", [12, -9, 25], degrees=True).as_matrix(), np.zeros(3)),
+        transform(Rotation.from_euler("xyz", [6, -4, 25], degrees=True).as_matrix(), np.zeros(3)),
         transform(np.eye(3), np.array([30.0, -20.0, 40.0])),
     ],
     ids=["turned", "moved"],
@@ -222,7 +225,6 @@ def test_moving_the_input_moves_the_answer(method, motion):
     if motion[:3, 3].any():
         # the prior's z is that of the camera's centre, which is another now: its tilt, being off, tells another z
         off[:, 2] -= off[:, 2].mean()
-    print("RETOLD", method.kind, np.abs(off).max(axis=0))
     assert np.abs(off).max() < method.limit.retold_mm
 
 
@@ -294,10 +296,9 @@ def test_the_information_is_one_and_holds_the_prior_s(method):
     assert found.inliers.sum() > 0.5 * found.inliers.size
 
 
-def test_what_keeps_no_map_leaves_travel_and_roll_to_the_prior(method):
-    if REGISTRATIONS[method.kind].begin:
-        pytest.skip("it measures both, or thinks so")
-    T = _pose()
+@pytest.mark.parametrize("kind", [kind for kind in METHODS if kind == EXAMPLE or not REGISTRATIONS[kind].begin])
+def test_what_keeps_no_map_leaves_travel_and_roll_to_the_prior(kind):
+    T, method = _pose(), Method(kind)
     found = method.align(_look(T, 0.2), _prior(T))
     values = np.linalg.eigvalsh(found.information / np.outer(SCALE, SCALE))
     assert (np.abs(values[:2]) < 1e-9 * values[-1]).all()
@@ -356,7 +357,7 @@ def test_the_paper_s_first_frame_is_placed_by_a_plane():
     assert 1e-3 < tilt < 10
 
 
-@pytest.mark.parametrize("kind", ["gicp", "vgicp"])
+@pytest.mark.parametrize("kind", OF_SMALL_GICP)
 def test_without_small_gicp_its_methods_say_how_to_get_it(kind, monkeypatch):
     monkeypatch.setattr("algorithms.registration.gicp.find_spec", lambda _name: None)
     found = Method(kind).align(_look(_pose()), _prior(_pose()), None)
@@ -366,6 +367,8 @@ def test_without_small_gicp_its_methods_say_how_to_get_it(kind, monkeypatch):
 
 @pytest.mark.parametrize("kind", [kind for kind, method in REGISTRATIONS.items() if method.begin])
 def test_a_map_does_not_grow_with_the_pipe(kind):
+    if kind in OF_SMALL_GICP:
+        pytest.importorskip("small_gicp")
     method = REGISTRATIONS[kind]
     settings = method.settings(**({"forget_after_frames": 20} if kind == "vgicp" else {}))
     seen, sizes, points = method.begin(settings), [], _rows(_look(_pose()), slice(None, None, 3))
