@@ -1,4 +1,4 @@
-"""The first frame of a method that registers against what was seen before: there is nothing yet to register to."""
+"""The first frame of a method that registers against what was seen before, and one beyond all that was seen."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.geometry import swing_onto
 
 Start = Literal["cylinder", "plane"]
+BEYOND_SHARE = 0.05  # fewer points near the map than this: the frame looks where nothing was seen yet, after a gap say
 
 
 def place_first(points: RingPoints, wall: Wall, prior: Alignment, start: Start) -> Alignment:

@@ -13,7 +13,8 @@ from pydantic import Field
 from algorithms.registration.checks import unfit
 from algorithms.registration.first_frame import Start, place_first
 from algorithms.registration.fusion import fuse
-from algorithms.registration.growing_cloud import CloudSettings, GrowingCloud, add_to_cloud, thinned
+from algorithms.registration.growing_cloud import CloudSettings, GrowingCloud, add_to_cloud, near_cloud, thinned
+from algorithms.registration.icp import is_first
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.geometry import apply
 from sensor_model.settings import Settings
@@ -58,11 +59,11 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: GicpSettin
     """The pose that lays the planes about the points onto those about the wall's; from the prior's pose."""
     if reason := cannot(points):
         return failed(prior, points.sigma_mm.size, reason)
-    if wall.seen is None or wall.seen.tree is None:
+    seen: PlaneCloud | None = wall.seen
+    if seen is None or is_first(seen.cloud, points, prior, settings):
         return place_first(points, wall, prior, settings.start)
     import small_gicp
 
-    seen: PlaneCloud = wall.seen
     source, _ = prepared(points, prior.T_pipe_camera, settings.cloud)
     found = small_gicp.align(
         seen.target,
@@ -75,8 +76,8 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: GicpSettin
         translation_epsilon=RESTS_MM,
     )
     T = found.T_target_source @ prior.T_pipe_camera
-    off = seen.cloud.tree.query(apply(T, points.xyz_mm), distance_upper_bound=settings.correspondence_mm)[0]
-    return concluded(found, points, prior, np.isfinite(off), settings.min_matched_share)
+    near = near_cloud(seen.cloud, apply(T, points.xyz_mm), settings.correspondence_mm)
+    return concluded(found, points, prior, near, settings.min_matched_share)
 
 
 def cannot(points: RingPoints) -> str:

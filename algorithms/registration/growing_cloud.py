@@ -111,3 +111,10 @@ def _normals(off_mm: Float[np.ndarray, "n k 3"], there: Bool[np.ndarray, "n k"])
     flat = extent2[:, 1] > LINE_SHARE**2 * extent2[:, 2]
     inside = np.sum(middle**2, axis=1) < EDGE_SHARE**2 * extent2[:, 2]
     return np.where((flat & inside)[:, None], axes[:, :, 0], np.nan)
+
+
+def near_cloud(cloud: GrowingCloud, xyz_pipe_mm: Float[np.ndarray, "n 3"], reach_mm: float) -> Bool[np.ndarray, "n"]:
+    """Points with a point of the cloud within reach."""
+    if cloud.tree is None:
+        return np.zeros(len(xyz_pipe_mm), dtype=bool)
+    return np.isfinite(cloud.tree.query(xyz_pipe_mm, distance_upper_bound=reach_mm)[0])

@@ -10,10 +10,17 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from algorithms.registration.checks import unfit
-from algorithms.registration.first_frame import Start, place_first
+from algorithms.registration.first_frame import BEYOND_SHARE, Start, place_first
 from algorithms.registration.from_axis import sigma_across_mm
 from algorithms.registration.fusion import fuse
-from algorithms.registration.growing_cloud import CloudSettings, GrowingCloud, add_to_cloud, refresh_normals, thinned
+from algorithms.registration.growing_cloud import (
+    CloudSettings,
+    GrowingCloud,
+    add_to_cloud,
+    near_cloud,
+    refresh_normals,
+    thinned,
+)
 from algorithms.robust import spread
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.geometry import apply, transform
@@ -71,12 +78,20 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: IcpSetting
     """
     if reason := unfit(points):
         return failed(prior, points.sigma_mm.size, reason)
-    if wall.seen is None or wall.seen.tree is None:
+    if is_first(wall.seen, points, prior, settings):
         return place_first(points, wall, prior, settings.start)
     settled = iterate(wall.seen, points, prior.T_pipe_camera, settings, list(range(6)))
     if settled.reason:
         return failed(prior, points.sigma_mm.size, settled.reason)
     return fuse(prior, own_alignment(wall.seen, points, settled.T_pipe_camera, settings))
+
+
+def is_first(cloud: GrowingCloud | None, points: RingPoints, prior: Alignment, settings: Any) -> bool:
+    """Whether the frame looks where nothing was seen."""
+    if cloud is None:
+        return True
+    near = near_cloud(cloud, apply(prior.T_pipe_camera, points.xyz_mm), settings.correspondence_mm)
+    return bool(near.mean() < BEYOND_SHARE)
 
 
 def iterate(

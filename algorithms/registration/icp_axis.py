@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from algorithms.registration import cylinder
 from algorithms.registration.cylinder import CylinderSettings
 from algorithms.registration.fusion import fuse
-from algorithms.registration.icp import IcpSettings, begin, grow, iterate, own_alignment
+from algorithms.registration.icp import IcpSettings, begin, grow, is_first, iterate, own_alignment
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.geometry import inverse
 
@@ -38,7 +38,7 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: IcpAxisSet
     across = cylinder.align(points, wall, replace(prior, information=np.zeros((6, 6))), CylinderSettings())
     if not across.converged:
         return failed(prior, n, across.reason)
-    if wall.seen is None or wall.seen.tree is None:
+    if is_first(wall.seen, points, prior, settings):
         return fuse(prior, across)
     settled = iterate(wall.seen, points, across.T_pipe_camera, settings, ALONG)
     if settled.reason:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import Field
 
-from algorithms.registration.first_frame import Start, place_first
+from algorithms.registration.first_frame import BEYOND_SHARE, Start, place_first
 from algorithms.registration.gicp import RESTS_MM, RESTS_RAD, cannot, concluded, prepared
 from algorithms.registration.growing_cloud import CloudSettings, voxel_keys
 from algorithms.types import Alignment, RingPoints, Wall, failed
@@ -59,13 +59,14 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: VgicpSetti
     """The pose that lays the planes about the points onto the voxels' distributions; from the prior's pose."""
     if reason := cannot(points):
         return failed(prior, points.sigma_mm.size, reason)
-    if wall.seen is None or wall.seen.voxels is None:
+    seen: VoxelMap | None = wall.seen
+    if seen is None or _in_a_voxel(seen, apply(prior.T_pipe_camera, points.xyz_mm)).mean() < BEYOND_SHARE:
         return place_first(points, wall, prior, settings.start)
     import small_gicp
 
     source, _ = prepared(points, prior.T_pipe_camera, settings.cloud)
     found = small_gicp.align(
-        wall.seen.voxels,
+        seen.voxels,
         source,
         max_correspondence_distance=settings.correspondence_mm,
         num_threads=1,
@@ -73,12 +74,14 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: VgicpSetti
         rotation_epsilon=RESTS_RAD,
         translation_epsilon=RESTS_MM,
     )
-    matched = _in_a_voxel(wall.seen, apply(found.T_target_source @ prior.T_pipe_camera, points.xyz_mm))
+    matched = _in_a_voxel(seen, apply(found.T_target_source @ prior.T_pipe_camera, points.xyz_mm))
     return concluded(found, points, prior, matched, settings.min_matched_share)
 
 
 def _in_a_voxel(seen: VoxelMap, xyz_pipe_mm: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
     """Points in a voxel that holds something: a voxel's mean lies in it."""
+    if seen.voxels is None:
+        return np.zeros(len(xyz_pipe_mm), dtype=bool)
     size = seen.settings.map_voxel_mm
     known = voxel_keys(seen.voxels.voxel_points()[:, :3], size)
     return np.isin(voxel_keys(xyz_pipe_mm, size), known)

@@ -205,6 +205,13 @@ def test_a_first_frame_is_placed_without_a_map(method):
         assert max(_error(found, T)) < 1e-5
 
 
+def test_a_frame_beyond_what_was_seen_is_placed_like_a_first_one(method):
+    T = _pose(z=900.0)
+    found = method.align(_look(_pose(z=0.0)), _prior(T, ODOMETRY), _seen(method.kind))
+    assert found.converged, found.reason
+    assert max(_error(found, T)) < 1e-5
+
+
 @pytest.mark.parametrize(
     "motion",
     [
