@@ -60,7 +60,7 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: GicpSettin
     if reason := cannot(points):
         return failed(prior, points.sigma_mm.size, reason)
     seen: PlaneCloud | None = wall.seen
-    if seen is None or is_first(seen.cloud, points, prior, settings):
+    if seen is None or is_first(seen.cloud, points, prior, settings.correspondence_mm):
         return place_first(points, wall, prior, settings.start)
     import small_gicp
 
@@ -114,13 +114,13 @@ def concluded(
         return failed(prior, n, "no pose that is finite")
     T_pipe_camera = found.T_target_source @ prior.T_pipe_camera
     scale2 = max(2 * found.error / found.num_inliers, 1e-12)  # its error is half the sum of squares
-    to_theirs = _to_their_motion(found.T_target_source, T_pipe_camera[:3, 3])
+    to_theirs = to_their_motion(found.T_target_source, T_pipe_camera[:3, 3])
     information = to_theirs.T @ found.H @ to_theirs / scale2
     weak = "" if found.converged else f"still moving after {found.iterations + 1} iterations"
     return fuse(prior, Alignment(T_pipe_camera, information, matched, reason=weak))
 
 
-def _to_their_motion(T: Float[np.ndarray, "4 4"], camera_mm: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 6"]:
+def to_their_motion(T: Float[np.ndarray, "4 4"], camera_mm: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 6"]:
     """Takes a motion in the order of `Alignment.information`, about the camera, to small_gicp's.
 
     Theirs is the rotation and then the translation that are applied to the source before T.

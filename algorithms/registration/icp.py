@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -59,7 +59,7 @@ class Settled(NamedTuple):
     reason: str = ""
 
 
-def begin(settings: Any) -> GrowingCloud:
+def begin(settings: IcpSettings) -> GrowingCloud:
     """A cloud of nothing yet."""
     return GrowingCloud(settings.cloud)
 
@@ -78,24 +78,25 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: IcpSetting
     """
     if reason := unfit(points):
         return failed(prior, points.sigma_mm.size, reason)
-    if is_first(wall.seen, points, prior, settings):
+    if is_first(wall.seen, points, prior, settings.correspondence_mm):
         return place_first(points, wall, prior, settings.start)
     settled = iterate(wall.seen, points, prior.T_pipe_camera, settings, list(range(6)))
     if settled.reason:
         return failed(prior, points.sigma_mm.size, settled.reason)
-    return fuse(prior, own_alignment(wall.seen, points, settled.T_pipe_camera, settings))
+    own = own_alignment(wall.seen, points, settled.T_pipe_camera, settings)
+    return fuse(prior, own) if own.converged else failed(prior, points.sigma_mm.size, own.reason)
 
 
-def is_first(cloud: GrowingCloud | None, points: RingPoints, prior: Alignment, settings: Any) -> bool:
+def is_first(cloud: GrowingCloud | None, points: RingPoints, prior: Alignment, reach_mm: float) -> bool:
     """Whether the frame looks where nothing was seen."""
     if cloud is None:
         return True
-    near = near_cloud(cloud, apply(prior.T_pipe_camera, points.xyz_mm), settings.correspondence_mm)
+    near = near_cloud(cloud, apply(prior.T_pipe_camera, points.xyz_mm), reach_mm)
     return bool(near.mean() < BEYOND_SHARE)
 
 
 def iterate(
-    cloud: GrowingCloud, points: RingPoints, T_start: Float[np.ndarray, "4 4"], settings: Any, free: list[int]
+    cloud: GrowingCloud, points: RingPoints, T_start: Float[np.ndarray, "4 4"], settings: IcpSettings, free: list[int]
 ) -> Settled:
     """Match and step by turns until the pose rests; `free` are the motions allowed, in the order of the information.
 
@@ -111,7 +112,7 @@ def iterate(
         here = apply(moved, xyz)
         found = match(cloud, here, settings.correspondence_mm)
         if found.rows.mean() < settings.min_matched_share:
-            return Settled(T_start, f"only {found.rows.mean():.0%} of the points lie near the wall seen so far")
+            return Settled(T_start, _too_few(found))
         step = np.zeros(6)
         step[free], change = _step(found, here[found.rows] - pivot, free, levers)
         if not np.isfinite(step).all():
@@ -160,11 +161,13 @@ def biweight(residual_mm: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
 
 
 def own_alignment(
-    cloud: GrowingCloud, points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], settings: Any
+    cloud: GrowingCloud, points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], settings: IcpSettings
 ) -> Alignment:
     """The pose with what the residuals and their normal matrix say of it."""
     xyz = apply(T_pipe_camera, points.xyz_mm)
     found = match(cloud, xyz, settings.correspondence_mm)
+    if found.rows.mean() < settings.min_matched_share:
+        return Alignment(T_pipe_camera, np.zeros((6, 6)), found.rows, False, _too_few(found))
     scale, w = max(spread(found.residual_mm), LEAST_SCALE_MM), biweight(found.residual_mm)
     J = jacobian(found.normal, xyz[found.rows] - T_pipe_camera[:3, 3])
     inliers = found.rows.copy()
@@ -172,3 +175,7 @@ def own_alignment(
     sigma = sigma_across_mm(points, T_pipe_camera[2, :3].copy())[found.rows]
     information = (J * w[:, None]).T @ J / scale**2
     return Alignment(T_pipe_camera, information, inliers, noise_scale=spread(found.residual_mm / sigma))
+
+
+def _too_few(found: Matches) -> str:
+    return f"only {found.rows.mean():.0%} of the points lie near the wall seen so far"

@@ -31,20 +31,22 @@ class IcpAxisSettings(IcpSettings):
 def align(points: RingPoints, wall: Wall, prior: Alignment, settings: IcpAxisSettings) -> Alignment:
     """Centre and tilt from the cylinder fit, z and roll from the wall seen so far.
 
-    The other way, all six from the ICP with a pull towards the nominal cylinder, is worse in both: centre and tilt
-    inherit the cloud's errors, and a wrong nominal radius pulls to the side on which the strut hides the wall.
+    The other way, all six from the ICP with a pull towards the nominal cylinder, was not taken: centre and tilt would
+    inherit the cloud's errors, and a wrong nominal radius would pull to the side on which the strut hides the wall.
     """
     n = points.sigma_mm.size
     across = cylinder.align(points, wall, replace(prior, information=np.zeros((6, 6))), CylinderSettings())
     if not across.converged:
         return failed(prior, n, across.reason)
-    if is_first(wall.seen, points, prior, settings):
+    if is_first(wall.seen, points, prior, settings.correspondence_mm):
         return fuse(prior, across)
     settled = iterate(wall.seen, points, across.T_pipe_camera, settings, ALONG)
     if settled.reason:
         return failed(prior, n, settled.reason)
     T_pipe_camera = settled.T_pipe_camera
     along = own_alignment(wall.seen, points, T_pipe_camera, settings)
+    if not along.converged:
+        return failed(prior, n, along.reason)
     information = _turned(across.information, T_pipe_camera @ inverse(across.T_pipe_camera)) + _along_only(along)
     return fuse(prior, replace(across, T_pipe_camera=T_pipe_camera, information=information))
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from algorithms.registration import REGISTRATIONS, Registration
 from algorithms.registration.first_frame import place_first
 from algorithms.registration.fusion import SCALE, covariance, fuse
+from algorithms.registration.gicp import to_their_motion
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, RingPoints, Wall
 from sensor_model.geometry import apply, inverse, transform, twist_about_z_rad
@@ -403,3 +404,13 @@ def test_fusing_adds_information_and_weighs_by_it():
     variances = np.diag(covariance(measured.information))
     assert variances[1] == pytest.approx(0.5)
     assert np.isinf(variances[[2, 5]]).all()
+
+
+def test_small_gicp_s_motions_are_ours_seen_from_the_source():
+    rng = np.random.default_rng(1)
+    T, camera, xyz = _pose(), rng.uniform(-50, 50, 3), rng.uniform(-100, 100, (20, 3))
+    ours = 1e-6 * rng.normal(size=6)
+    turn, move = np.split(to_their_motion(T, camera) @ ours, 2)
+    theirs = apply(T, apply(transform(Rotation.from_rotvec(turn).as_matrix(), move), xyz))
+    moved = camera + ours[:3] + Rotation.from_rotvec(ours[3:]).apply(apply(T, xyz) - camera)
+    assert np.allclose(theirs, moved, atol=1e-9)
