@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from pydantic import Field
 
+from algorithms.registration.checks import MIN_POINTS, flat
 from algorithms.registration.cylinder_pose import information_of_pose, pose_of, start_of, without
 from algorithms.registration.fusion import fuse
 from algorithms.registration.ray_fit import moved, normal_matrix, pack, residuals, scale_about_zero, solve
@@ -24,7 +25,6 @@ from algorithms.registration.settle import (
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.settings import Settings
 
-FEWEST_POINTS = 30
 SAMPLE, SAMPLE_STEPS, SAMPLE_DAMPING = 7, 4, 1e-3
 SUBSAMPLE = 512
 MISSED = 1e-3  # chance that no sample was free of outliers
@@ -47,12 +47,14 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: CylinderSe
     the point. The ray is the light's, along which the sensor's error lies; the camera's gives the same to first order.
     """
     n, nominal = points.sigma_mm.size, wall.pipe.inner_radius_mm
-    if n < FEWEST_POINTS:
-        return failed(prior, n, f"{n} points; at least {FEWEST_POINTS} are needed")
+    if n < MIN_POINTS:
+        return failed(prior, n, f"{n} points; at least {MIN_POINTS} are needed")
     xyz, direction, sigma = points.xyz_mm, points.direction, points.sigma_mm
     packed, finite = pack(xyz, direction, sigma, 0, n, -(-n // WORKING))
     if not finite:
         return failed(prior, n, REASONS[NOT_FINITE])
+    if shape := flat(xyz, sigma):
+        return failed(prior, n, shape)
     start, nothing = start_of(xyz, prior.T_pipe_camera, nominal), np.zeros((5, 5))
     cylinder, scale = _consensus(packed, start, settings.hypotheses)
     cylinder, H, inliers, scale, status = settle(xyz, direction, sigma, packed, cylinder, scale, start, nothing, NEVER)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from numba import njit
 from pydantic import Field
 
+from algorithms.registration.checks import MIN_POINTS, flat
 from algorithms.registration.cylinder_pose import (
     ahead_mm,
     information_of_axis,
@@ -24,7 +25,6 @@ from algorithms.registration.settle import DONE, NOT_FINITE, REASONS, UNDETERMIN
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.settings import Settings
 
-FEWEST_POINTS = 30
 WEAK_SHARE, WEAK_SCALE = 0.5, 3.0
 CHI2_4_999 = 18.47  # of four degrees of freedom, exceeded once in a thousand
 LEAST_SHARE = 0.3
@@ -69,8 +69,8 @@ class Worth(NamedTuple):
 def align(points: RingPoints, wall: Wall, prior: Alignment, settings: CylinderMapSettings) -> Alignment:
     """The posterior: where prior and points together put the camera; travel and roll are the prior's alone."""
     n, nominal = points.sigma_mm.size, wall.pipe.inner_radius_mm
-    if n < FEWEST_POINTS:
-        return failed(prior, n, f"{n} points; at least {FEWEST_POINTS} are needed")
+    if n < MIN_POINTS:
+        return failed(prior, n, f"{n} points; at least {MIN_POINTS} are needed")
     measured = points.xyz_mm, points.direction, points.sigma_mm
     start = start_of(points.xyz_mm, prior.T_pipe_camera, nominal)
     known = _known(prior, start, settings)
@@ -81,7 +81,8 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: CylinderMa
         fit = Fit(*_fit(*measured, start, known, nominal))
         doubts.append(f"the radius is {fit.cylinder[6]:.2f} mm, not near the nominal {nominal:g} mm")
     share = np.count_nonzero(fit.inliers) / n
-    if wrong := _what_is_wrong(fit, share, nominal):
+    wrong = _what_is_wrong(fit, share, nominal) or flat(points.xyz_mm, points.sigma_mm)
+    if wrong:
         return failed(prior, n, wrong)
     T_pipe_camera, information, worth = _posed(fit.cylinder, fit.H, known, start, prior.T_pipe_camera)
     worth = Worth(*worth)

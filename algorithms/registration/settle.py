@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from algorithms.registration.ray_fit import moved, normal_matrix, pack, pull, residuals, scale_about_zero, solve
+from algorithms.registration.ray_fit import TRUNCATED_SHARE, moved, normal_matrix, pack, pull, residuals, solve
 from algorithms.registration.wall_cells import find_cells, is_wall, keep_wall, reach
 
 WORKING, BLOCK = 12_000, 4096
 CUT_SIGMAS, INLIER_SIGMAS = 4.0, 3.0
-SMALLEST_SCALE = 1e-3
-STEPS, JUDGED_STEPS, CLOSE, CHANGED_PART = 12, 8, 0.3, 0.02
+SMALLEST_SCALE, SCALE_PASSES = 1e-3, 2
+STEPS, JUDGED_STEPS, CLOSE, CHANGED_PART = 12, 8, 0.1, 0.02
 NEWTON = 1.09  # expected weight over expected slope of the influence, for a normal distribution
 NEVER = STEPS  # the step from which on cells are judged, where they never are
 
@@ -61,7 +61,7 @@ def settled(packed, cylinder, scale, start, known, first_judged, H):
             wall = is_wall(cell, residual, scale, wall.size)
             keep_wall(packed, cell, wall)
             changed = (wall != before).sum()
-        scale = max(_scale_of_kept(packed, residual), SMALLEST_SCALE)
+        scale = max(_scale_of_kept(packed, residual, scale), SMALLEST_SCALE)
         weight = normal_matrix(packed, cylinder, CUT_SIGMAS * scale, H, g)
         cells = (frame, low, high, around, along, wall)
         if not weight > 0.0 or not solved(cylinder, start, known, scale * scale, H, g, step):
@@ -87,11 +87,17 @@ def label(packed, cylinder, scale, kept):
         kept[i] = abs(residual[i]) <= INLIER_SIGMAS * scale and packed[7, i] > 0.0
 
 
-@njit(cache=True)
-def _scale_of_kept(packed, residual):
-    step = max(residual.size // 1000, 1)
-    some = residual[::step][packed[7, ::step] > 0.0]
-    return scale_about_zero(some) if some.size else 0.0
+@njit(cache=True, fastmath=True)
+def _scale_of_kept(packed, residual, scale):
+    """Standard deviation of what counts, from what lies within 2.5 of the last one: all points, in any order."""
+    for _ in range(SCALE_PASSES):
+        count, squares = 0.0, 0.0
+        for i in range(residual.size):
+            near = packed[7, i] if abs(residual[i]) <= 2.5 * scale else 0.0
+            count += near
+            squares += near * residual[i] * residual[i]
+        scale = np.sqrt(squares / max(count, 1.0)) / TRUNCATED_SHARE
+    return scale
 
 
 @njit(cache=True)

@@ -130,7 +130,7 @@ def make_frame(case: FrameCase, T_pipe_camera: Float[np.ndarray, "4 4"], rng: np
 def _patch(case: FrameCase, rng: np.random.Generator):
     """Whether a place (part of the arc, ring) lies in the defect, whose proportions are drawn."""
     if case.defect_share == 0:
-        return lambda part, ring: np.zeros(part.shape, dtype=bool)
+        return lambda part, _: np.zeros(part.shape, dtype=bool)
     rings = max(int(np.ceil(case.defect_share * case.rings)), int(rng.integers(1, case.rings + 1)))
     width = min(case.defect_share * case.rings / rings, 1.0)
     first, begin = int(rng.integers(0, case.rings - rings + 1)), rng.uniform()
