@@ -41,10 +41,15 @@ def point_at(origin, direction, s):
 def wall_ranges_mm(wall, origin, rays):
     """Range of each of (n, 3) rays to the wall, NaN for one along the axis; all have one origin."""
     ranges, uneven = _plain_ranges_mm(wall, origin, rays)
-    for i in np.flatnonzero(uneven):
-        direction = (rays[i, 0], rays[i, 1], rays[i, 2])
-        first, last = stretch_mm(wall, origin, direction)
-        ranges[i] = _march(wall, origin, direction, first, last)
+    which = np.flatnonzero(uneven)
+    origins, directions = np.empty((which.size, 3)), rays[which]
+    first, last = np.empty(which.size), np.empty(which.size)
+    for k in range(which.size):
+        origins[k, 0], origins[k, 1], origins[k, 2] = origin
+        first[k], last[k] = stretch_mm(wall, origin, _row(directions, k))
+    inside, gap, outside, beyond = _march_together(wall, origins, directions, first, last, SHORTEST_STEP_MM)
+    for k, i in enumerate(which):
+        ranges[i] = _closed_in(wall, origin, _row(directions, k), inside[k], gap[k], outside[k], beyond[k])
     return ranges
 
 
@@ -72,9 +77,46 @@ def _plain_ranges_mm(wall, origin, rays):
 def in_shadow(wall, points, place):
     """Whether the wall stands between each of its (n, 3) points and a place."""
     shaded = np.hypot(points[:, 0], points[:, 1]) > wall.smallest_radius + SHADOW_BEYOND_MM
-    for i in np.flatnonzero(shaded):
-        shaded[i] = _blocked(wall, (points[i, 0], points[i, 1], points[i, 2]), place)
+    which = np.flatnonzero(shaded)
+    origins, towards, reach = np.empty((which.size, 3)), np.empty((which.size, 3)), np.empty(which.size)
+    for k, i in enumerate(which):
+        start, direction, reach[k] = _sight_line(wall, _row(points, i), place)
+        origins[k, 0], origins[k, 1], origins[k, 2] = start
+        towards[k, 0], towards[k, 1], towards[k, 2] = direction
+    _, _, _, beyond = _march_together(wall, origins, towards, np.zeros(which.size), reach, SHORTEST_STEP_MM / 2)
+    shaded[which] = beyond < 0
     return shaded
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _row(points, i):
+    return (points[i, 0], points[i, 1], points[i, 2])
+
+
+@njit(cache=True, error_model="numpy")
+def _march_together(wall, origins, directions, first, last, shortest):
+    """The bracket of each ray's first crossing, and the clearance at its two ends: as `_bracket`, of many rays.
+
+    One stride of each in turn: the processor begins on the next ray while it waits for the last one.
+    """
+    n = first.size
+    inside, gap = first.copy(), np.empty(n)
+    for k in range(n):
+        gap[k] = _clearance(wall, _row(origins, k), _row(directions, k), first[k])
+    outside, beyond = inside.copy(), gap.copy()
+    going = np.flatnonzero(gap > HIT_TOLERANCE_MM)
+    count = going.size
+    while count > 0:
+        still = 0
+        for k in going[:count]:
+            origin, direction = _row(origins, k), _row(directions, k)
+            outside[k], beyond[k] = _stride(wall, origin, direction, inside[k], gap[k], shortest, last[k])
+            if beyond[k] > HIT_TOLERANCE_MM and outside[k] < last[k]:
+                inside[k], gap[k] = outside[k], beyond[k]
+                going[still] = k
+                still += 1
+        count = still
+    return inside, gap, outside, beyond
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -159,17 +201,19 @@ def _clearance(wall, origin, direction, s):
 @njit(cache=True, error_model="numpy")
 def _march(wall, origin, direction, first, last):
     """First crossing between two ranges: steps that the gap allows, then false position."""
-    inside = first
-    gap = _clearance(wall, origin, direction, inside)
-    if gap <= HIT_TOLERANCE_MM:
-        return inside
-    outside, beyond = inside, gap
-    while outside < last:
-        outside, beyond = _stride(wall, origin, direction, inside, gap, SHORTEST_STEP_MM, last)
-        if beyond <= 0:
-            break
-        inside, gap = outside, beyond
+    inside, gap, outside, beyond = _bracket(wall, origin, direction, first, last, SHORTEST_STEP_MM)
     return _closed_in(wall, origin, direction, inside, gap, outside, beyond)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _bracket(wall, origin, direction, first, last, shortest):
+    """Ranges just before and just beyond the first crossing, each with its clearance; both `first` when on the wall."""
+    inside, gap = first, _clearance(wall, origin, direction, first)
+    outside, beyond = inside, gap
+    while beyond > HIT_TOLERANCE_MM and outside < last:
+        inside, gap = outside, beyond
+        outside, beyond = _stride(wall, origin, direction, inside, gap, shortest, last)
+    return inside, gap, outside, beyond
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -235,14 +279,23 @@ def _is_beyond_bore(wall, point):
 
 @njit(cache=True, error_model="numpy")
 def _blocked(wall, point, place):
-    """Whether a straight line from just above a point of the wall leaves the bore before it reaches a place."""
+    """Whether the sight line from a point of the wall to a place leaves the bore on its way."""
+    origin, towards, reach = _sight_line(wall, point, place)
+    _, _, _, beyond = _bracket(wall, origin, towards, 0.0, reach, SHORTEST_STEP_MM / 2)
+    return beyond < 0
+
+
+@njit(cache=True, error_model="numpy")
+def _sight_line(wall, point, place):
+    """Origin just above a point of the wall, direction to a place, and the range within which the wall can shade it."""
     origin = point_at(point, inward_normal(wall, point), SHADOW_LIFT_MM)
-    to_x, to_y, to_z = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
-    length = np.sqrt(to_x**2 + to_y**2 + to_z**2)
-    towards = (to_x / length, to_y / length, to_z / length)
-    s, gap = 0.0, _clearance(wall, origin, towards, 0.0)
-    while gap >= 0 and s < length:
-        s, gap = _stride(wall, origin, towards, s, gap, SHORTEST_STEP_MM / 2, length)
-        if np.sqrt((origin[0] + s * towards[0]) ** 2 + (origin[1] + s * towards[1]) ** 2) < wall.smallest_radius:
-            return False
-    return gap < 0
+    x, y, z = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
+    length = np.sqrt(x * x + y * y + z * z)
+    towards = (x / length, y / length, z / length)
+    # nearer to the axis than the wall's smallest radius nothing can shade any more
+    a = towards[0] ** 2 + towards[1] ** 2
+    b = origin[0] * towards[0] + origin[1] * towards[1]
+    root = b * b - a * (origin[0] ** 2 + origin[1] ** 2 - wall.smallest_radius**2)
+    if b < 0.0 and root > 0.0:
+        return origin, towards, min((-b - np.sqrt(root)) / a, length)
+    return origin, towards, length

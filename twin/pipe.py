@@ -8,7 +8,6 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 from pydantic import Field, model_validator
 
 from sensor_model.settings import ClockDeg, Settings
@@ -134,6 +133,7 @@ class Pipe(Settings):
         return np.asarray(np.zeros_like(gone) if self.backed else gone)
 
 
+# put inline, as all that it calls: a call counts references to the wall's arrays, at several times the cost of a radius
 @njit(cache=True, error_model="numpy", forceinline=True)
 def wall_radius_mm(wall, theta, z):
     """Distance from the axis to the wall at one place, mm."""
@@ -149,13 +149,11 @@ def wall_radius_mm(wall, theta, z):
         arc = wall.inner_radius * (turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
         if abs(arc) > wall.rows[i, HALF_BOX_ARC]:
             continue
-        # as a tuple: compiled code counts references to an array at every call, which costs more than the depth
-        row = to_fixed_tuple(wall.rows[i], ROW_LENGTH)
-        depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, row, wall.inner_radius))
+        depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, wall.rows[i], wall.inner_radius))
     return min(bore + depth, wall.outer_radius)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _radii(wall, theta, z):
     out = np.empty(theta.size)
     for i in range(theta.size):

@@ -9,7 +9,7 @@ from algorithms.triangulate import triangulate
 from sensor_model.geometry import half_angle_rad
 from sensor_model.points import PointNoise, see_slits
 from sensor_model.rig import preset_rig
-from sensor_model.wall_rays import in_shadow, wall_ranges_mm
+from sensor_model.wall_rays import in_shadow, point_in_shadow, stretch_mm, wall_range_mm, wall_ranges_mm
 from twin.pipe import Pipe
 
 EXACT = PointNoise(pixel_noise_px=0, drop_out_share=0, azimuths=360)
@@ -94,6 +94,22 @@ def test_shadows_agree_with_plain_numpy():
     corner = np.array([[83.6 * np.sin(2.0944), -83.6 * np.cos(2.0944), 92.5]])
     assert in_shadow(pipe.wall, corner, (0.0, 0.0, -300.0))[0]
     assert not in_shadow(pipe.wall, corner, (0.0, 0.0, 92.5))[0]
+
+
+@pytest.mark.parametrize("ovality_pct", [0.0, 2.0])
+def test_many_rays_at_once_go_as_one_by_one(ovality_pct):
+    pipe, rng = _pipe(ovality_pct=ovality_pct), np.random.default_rng(4)
+    theta, alpha = rng.uniform(1.5, 2.7, 500), rng.uniform(0.2, 0.65, 500)
+    rays = np.stack([np.sin(alpha) * np.sin(theta), -np.sin(alpha) * np.cos(theta), np.cos(alpha)], axis=1)
+    origin, eye = (2.0, -1.0, -40.0), (2.5, -0.5, 13.0)
+    ranges = wall_ranges_mm(pipe.wall, origin, rays)
+    one_by_one = [
+        wall_range_mm(pipe.wall, origin, ray, *stretch_mm(pipe.wall, origin, ray)) for ray in map(tuple, rays)
+    ]
+    assert ranges == pytest.approx(one_by_one, abs=1e-9)
+    points = origin + ranges[:, None] * rays
+    dark = [point_in_shadow(pipe.wall, tuple(point), eye) for point in points]
+    assert in_shadow(pipe.wall, points, eye).tolist() == dark
 
 
 def test_a_ray_along_the_axis_meets_no_wall():
