@@ -9,7 +9,14 @@ import pytest
 
 from scenarios.load import load_scenario
 from scenarios.scenario import nominal_pipe
-from sensor_model.recording import MAX_FILE_BYTES, SLIT_PIXEL, BadRecording, open_recording
+from sensor_model.recording import (
+    MAX_FILE_BYTES,
+    OWN_HEADER,
+    SLIT_PIXEL,
+    BadRecording,
+    _read_slit_pixels,
+    open_recording,
+)
 from sensor_model.rig import Rig, load_settings, preset_rig
 from sensor_model.sense import sense
 from sensor_model.streams import stream
@@ -153,6 +160,7 @@ NARROW = [("pixel", "<f4", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")]
         (lambda rows: np.stack([rows, rows]), r"shape \(2, \d+\)"),
         (lambda rows: rows.astype(NARROW), "<f4"),
         (lambda rows: np.array([{}]), "of object"),  # noqa: ARG005
+        (lambda rows: _promising(123_456_789), "123456789 rows of 32 bytes promised, 0 bytes held"),  # noqa: ARG005
         (lambda rows: _promising(10**15), "10+ rows of 32 bytes promised, 0 bytes held"),  # noqa: ARG005
         (lambda rows: _promising(-1), "-1 rows"),  # noqa: ARG005
         (lambda rows: b"PK\x03\x04 not rows", "not a frame of slit pixels"),  # noqa: ARG005
@@ -165,6 +173,18 @@ def test_a_spoiled_frame_is_refused_before_it_is_used(log, tmp_path, change, sai
     with pytest.raises(BadRecording, match=said) as refused:
         _log_with(log, tmp_path, change)[0]
     assert str(refused.value).count(".npy") == 1  # the file is named once
+
+
+@pytest.mark.parametrize("count", [0, 1, 9999, 10000])
+def test_any_number_of_rows_is_read_back(tmp_path, count):
+    rows = np.zeros(count, dtype=SLIT_PIXEL)
+    rows["sigma_px"], rows["slit"], rows["pixel"][:, 0] = 0.25, np.arange(count) % 8, np.arange(count)
+    np.save(tmp_path / "frame.npy", rows)
+    assert OWN_HEADER.match((tmp_path / "frame.npy").read_bytes())
+    pixels = _read_slit_pixels(tmp_path / "frame.npy", 8)
+    assert np.array_equal(pixels.pixel, rows["pixel"])
+    assert np.array_equal(pixels.slit, rows["slit"])
+    assert np.array_equal(pixels.sigma_px, rows["sigma_px"])
 
 
 def test_a_log_that_ends_early_is_refused(log, tmp_path):
