@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -226,8 +227,9 @@ OWN_HEADER = _own_header()
 
 def _write_csv(path: Path, header: str, stamps_ns: np.ndarray, columns: np.ndarray, fmt: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    lines = [f"#timestamp [ns],{header}"]
-    lines += [f"{stamp}," + ",".join(fmt % v for v in row) for stamp, row in zip(stamps_ns, columns, strict=True)]
+    form = ",".join(["%d", *[fmt] * columns.shape[1]])
+    rows = zip(stamps_ns.tolist(), columns.tolist(), strict=True)
+    lines = [f"#timestamp [ns],{header}", *(form % (stamp, *row) for stamp, row in rows)]
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -274,7 +276,7 @@ def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
             values = [float(v) for v in row[1:]]
         except ValueError as error:
             raise BadRecording(f"{path}:{line}: {error}; a stamp in ns and {columns} numbers are expected") from None
-        if len(values) != columns or not np.all(np.isfinite(values)):
+        if len(values) != columns or not all(map(isfinite, values)):
             raise BadRecording(f"{path}:{line}: {row[1:]}; {columns} finite numbers are expected")
         stamps.append(_stamp_ns(path, line, row[0], stamps))
         rows.append(values)
