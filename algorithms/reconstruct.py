@@ -18,7 +18,6 @@ from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall
 from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall
-from sensor_model.geometry import wall_angle_rad
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
 
@@ -91,9 +90,10 @@ def register(state: State, frame: Frame, points: RingPoints) -> Alignment:
 def decode_yield(points: RingPoints, state: State) -> float:
     """Share of all (slit, azimuth) places of the picture in which a slit was seen."""
     camera, azimuths = state.rig.camera, state.method.decode.azimuths
-    turn = wall_angle_rad(points.pixel[:, 0] - camera.cx_px, points.pixel[:, 1] - camera.cy_px) / (2 * np.pi)
-    place = points.ring * azimuths + np.round(turn * azimuths).astype(np.int64) % azimuths
-    return np.unique(place).size / (azimuths * len(state.rig.projector.slits))
+    turn = np.arctan2(points.pixel[:, 0] - camera.cx_px, camera.cy_px - points.pixel[:, 1]) / (2 * np.pi)
+    seen = np.zeros((len(state.rig.projector.slits), azimuths), dtype=bool)
+    seen[points.ring, np.rint(turn * azimuths).astype(np.int64) % azimuths] = True
+    return np.count_nonzero(seen) / seen.size
 
 
 def _launched(state: State, frame: Frame, points: RingPoints) -> Odometry:

@@ -6,11 +6,11 @@ import numpy as np
 from numba import njit
 
 from algorithms.types import RingPoints
-from sensor_model.geometry import FISHEYE_NEWTON_STEPS
+from sensor_model.geometry import rays_and_angles
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 
-HALF_STEP_PX = 0.5
+NEAREST_PX = 1.0  # nearer to the picture's centre, outward is no direction
 
 
 def triangulate(seen: SlitPixels, rig: Rig) -> RingPoints:
@@ -19,79 +19,79 @@ def triangulate(seen: SlitPixels, rig: Rig) -> RingPoints:
     The standard deviation comes from the movement of the point as the pixel moves across the slit: it slides along
     the light ray.
     """
-    projector = rig.projector
-    axis = projector.T_camera_projector[:3, 2].copy()
+    projector, intrinsics = rig.projector, rig.camera.intrinsics
+    axis = tuple(projector.T_camera_projector[:3, 2].tolist())
     cosines = np.cos(projector.slit_half_angles_rad)
-    apex = np.array(projector.apex_mm)
-    xyz, slide = _triangulate(seen.pixel, seen.slit, rig.camera.intrinsics, apex, axis, cosines)
-    hit = np.isfinite(slide)
-    xyz, light = xyz[hit], xyz[hit] - apex
-    light /= np.linalg.norm(light, axis=1, keepdims=True)
-    return RingPoints(xyz, seen.slit[hit], seen.pixel[hit], light, seen.sigma_px[hit] * slide[hit])
+    rays, angles = rays_and_angles(seen.pixel, intrinsics)
+    ranges, slides = _on_cones(seen.pixel, seen.slit, rays, angles, intrinsics, projector.apex_mm, axis, cosines)
+    return RingPoints(*_points(seen.pixel, seen.slit, seen.sigma_px, rays, ranges, slides, projector.apex_mm))
 
 
-@njit(cache=True)
-def _triangulate(pixel, slit, intrinsics, apex, axis, cosines):
-    """Points and how far each slides, mm, as its pixel moves outward by one pixel; NaN where there is none."""
-    n = pixel.shape[0]
-    xyz, slide = np.full((n, 3), np.nan), np.full(n, np.nan)
-    center_u, center_v = intrinsics[3], intrinsics[4]
-    for i in range(n):
-        du, dv = pixel[i, 0] - center_u, pixel[i, 1] - center_v
-        off = np.sqrt(du * du + dv * dv)
-        if off < 1.0:
-            continue
-        du, dv = du / off * HALF_STEP_PX, dv / off * HALF_STEP_PX
-        cosine = cosines[slit[i]]
-        here = _on_cone(pixel[i, 0], pixel[i, 1], intrinsics, apex, axis, cosine)
-        inward = _on_cone(pixel[i, 0] - du, pixel[i, 1] - dv, intrinsics, apex, axis, cosine)
-        outward = _on_cone(pixel[i, 0] + du, pixel[i, 1] + dv, intrinsics, apex, axis, cosine)
-        for k in range(3):
-            xyz[i, k] = here[k]
-        slide[i] = np.sqrt(
-            (outward[0] - inward[0]) ** 2 + (outward[1] - inward[1]) ** 2 + (outward[2] - inward[2]) ** 2
-        )
-    return xyz, slide
+@njit(cache=True, error_model="numpy")
+def _on_cones(pixel, slit, rays, angles, intrinsics, apex, axis, cosines):
+    """Range at which each ray leaves its cone, and how far that place slides, mm, as its pixel moves outward by one.
 
-
-@njit(cache=True)
-def _on_cone(u, v, intrinsics, apex, axis, cosine):
-    """Where one pixel's ray leaves the cone, NaN where it never does."""
-    wx, wy, wz = _ray(u, v, intrinsics)
-    w_a = wx * axis[0] + wy * axis[1] + wz * axis[2]
+    NaN where a ray never leaves its cone. The slide is the derivative at the pixel, not a difference over one.
+    """
+    ranges, slides = np.full(slit.size, np.nan), np.empty(slit.size)
     apex_a = apex[0] * axis[0] + apex[1] * axis[1] + apex[2] * axis[2]
-    w_apex = wx * apex[0] + wy * apex[1] + wz * apex[2]
     apex2 = apex[0] ** 2 + apex[1] ** 2 + apex[2] ** 2
-    c2 = cosine * cosine
-    # ((t w - A) . a)^2 = cos^2 |t w - A|^2; the camera sits inside the cone, so one root lies ahead
-    a = w_a * w_a - c2
-    b = -2.0 * (w_a * apex_a - c2 * w_apex)
-    c = apex_a * apex_a - c2 * apex2
-    root = b * b - 4.0 * a * c
-    if a >= 0.0 or root < 0.0:
-        return np.nan, np.nan, np.nan
-    t = (-b - np.sqrt(root)) / (2.0 * a)
-    if t <= 0.0 or t * w_a - apex_a <= 0.0:
-        return np.nan, np.nan, np.nan
-    return t * wx, t * wy, t * wz
+    for i in range(slit.size):
+        c2 = cosines[slit[i]] ** 2
+        wx, wy, wz = rays[i, 0], rays[i, 1], rays[i, 2]
+        w_a = wx * axis[0] + wy * axis[1] + wz * axis[2]
+        w_apex = wx * apex[0] + wy * apex[1] + wz * apex[2]
+        # ((t w - A) . a)^2 = cos^2 |t w - A|^2; the camera sits inside the cone, so one root lies ahead
+        a = w_a * w_a - c2
+        b = -2.0 * (w_a * apex_a - c2 * w_apex)
+        root = np.sqrt(b * b - 4.0 * a * (apex_a * apex_a - c2 * apex2))
+        t = (-b - root) / (2.0 * a)
+        du, dv = pixel[i, 0] - intrinsics[3], pixel[i, 1] - intrinsics[4]
+        # false for NaN too: a negative root
+        if not (a < 0.0 and root > 0.0 and t > 0.0 and t * w_a > apex_a and du * du + dv * dv >= NEAREST_PX**2):
+            continue
+        dx, dy, dz = _turned_outward(du, dv, wx, wy, wz, angles[i], intrinsics)
+        d_a = dx * axis[0] + dy * axis[1] + dz * axis[2]
+        d_apex = dx * apex[0] + dy * apex[1] + dz * apex[2]
+        # the same equation, differentiated by the pixel's movement
+        dt = (2.0 * w_a * d_a * t * t - 2.0 * (d_a * apex_a - c2 * d_apex) * t) / root
+        ranges[i] = t
+        slides[i] = np.sqrt((dt * wx + t * dx) ** 2 + (dt * wy + t * dy) ** 2 + (dt * wz + t * dz) ** 2)
+    return ranges, slides
 
 
-@njit(cache=True)
-def _ray(u, v, intrinsics):
-    """Unit ray of one pixel: `geometry.fisheye_rays` for compiled code."""
-    fx, fy, skew, cx, cy, k1, k2, k3, k4 = intrinsics
-    y = (v - cy) / fy
-    x = (u - cx - skew * y) / fx
-    theta_d = np.sqrt(x * x + y * y)
-    if theta_d == 0.0:
-        return 0.0, 0.0, 1.0
-    theta = min(theta_d, 0.5 * np.pi)
-    for _ in range(FISHEYE_NEWTON_STEPS):
-        t2 = theta * theta
-        value = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) - theta_d
-        slope = 1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)))
-        theta -= value / slope
-        if abs(value) < 1e-14:
-            break
-    scale = np.sin(theta) / theta_d
-    return x * scale, y * scale, np.cos(theta)
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _turned_outward(du, dv, wx, wy, wz, angle, intrinsics):
+    """Change of a unit ray as its pixel moves away from the picture's centre, by one pixel."""
+    fx, fy, skew = intrinsics[0], intrinsics[1], intrinsics[2]
+    k1, k2, k3, k4 = intrinsics[5], intrinsics[6], intrinsics[7], intrinsics[8]
+    off = np.sqrt(du * du + dv * dv)
+    y = dv / fy
+    x = (du - skew * y) / fx
+    slant2 = x * x + y * y
+    # (x, y) grows by its (off)th part: the ray turns outward, and does not turn about the optical axis
+    t2 = angle * angle
+    slope = 1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)))
+    turn, sine = np.sqrt(slant2) / off / slope, np.sqrt(wx * wx + wy * wy)
+    return turn * wz * wx / sine, turn * wz * wy / sine, -turn * sine
+
+
+@njit(cache=True, error_model="numpy")
+def _points(pixel, slit, sigma_px, rays, ranges, slides, apex):
+    """The arrays of `RingPoints`, in its order, of those rays that leave their cone."""
+    hit = np.isfinite(ranges)
+    n = np.count_nonzero(hit)
+    xyz, light, sigma_mm = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
+    k = 0
+    for i in range(slit.size):
+        if not hit[i]:
+            continue
+        x, y, z = ranges[i] * rays[i, 0], ranges[i] * rays[i, 1], ranges[i] * rays[i, 2]
+        length = np.sqrt((x - apex[0]) ** 2 + (y - apex[1]) ** 2 + (z - apex[2]) ** 2)
+        xyz[k, 0], xyz[k, 1], xyz[k, 2] = x, y, z
+        light[k, 0], light[k, 1], light[k, 2] = (x - apex[0]) / length, (y - apex[1]) / length, (z - apex[2]) / length
+        sigma_mm[k] = sigma_px[i] * slides[i]
+        k += 1
+    if n == slit.size:
+        return xyz, slit, pixel, light, sigma_mm
+    return xyz, slit[hit], pixel[hit], light, sigma_mm

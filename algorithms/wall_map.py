@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -12,12 +13,13 @@ from pydantic import Field
 
 from algorithms.robust import MAD_TO_SIGMA
 from algorithms.types import Alignment, RingPoints, WallMap
-from sensor_model.geometry import apply, wall_angle_rad
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
 INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
 OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
+WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32)])
+FEW = 40  # up to so many points are sorted fastest by moving each to its place
 
 
 class MapSettings(Settings):
@@ -47,10 +49,28 @@ class MapBuilder:
 
 def on_a_wall(points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], pipe: NominalPipe) -> Bool[np.ndarray, "n"]:
     """Points that lie where a wall can be: outside it are the false slits that shadows and mixed colours make."""
-    xyz = apply(T_pipe_camera, points.xyz_mm)
-    rho = np.hypot(xyz[:, 0], xyz[:, 1])
     outermost = pipe.inner_radius_mm + pipe.wall_thickness_mm + OUTWARD_MM
-    return (rho > INWARD_SHARE * pipe.inner_radius_mm) & (rho < outermost)
+    return _between(points.xyz_mm, T_pipe_camera, INWARD_SHARE * pipe.inner_radius_mm, outermost)
+
+
+@njit(cache=True, error_model="numpy")
+def _between(xyz_camera, T, inner, outer):
+    """Which points lie between two cylinders about the pipe's axis."""
+    inside = np.empty(xyz_camera.shape[0], dtype=np.bool_)
+    for i in range(inside.size):
+        x, y, _ = _in_pipe(T, xyz_camera[i, 0], xyz_camera[i, 1], xyz_camera[i, 2], 1.0)
+        inside[i] = inner < np.sqrt(x * x + y * y) < outer
+    return inside
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _in_pipe(T, x, y, z, w):
+    """A place (w = 1) or a direction (w = 0) in the pipe frame."""
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + w * T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + w * T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + w * T[2, 3],
+    )
 
 
 def add_points(builder: MapBuilder, points: RingPoints, kept: Bool[np.ndarray, "n"], alignment: Alignment) -> None:
@@ -58,28 +78,60 @@ def add_points(builder: MapBuilder, points: RingPoints, kept: Bool[np.ndarray, "
     if not kept.any():
         return
     around, along = builder.shape
-    xyz = apply(alignment.T_pipe_camera, points.xyz_mm[kept])
-    light = points.direction[kept] @ alignment.T_pipe_camera[:3, :3].T
-    rho = np.hypot(xyz[:, 0], xyz[:, 1])
-    across = np.abs(np.sum(light[:, :2] * xyz[:, :2], axis=1)) / rho
-    sigma = np.maximum(points.sigma_mm[kept] * np.maximum(across, 0.05), 1e-3)
-    row = np.floor(xyz[:, 2] / builder.settings.cell_z_mm).astype(np.int64)
-    column = np.floor(wall_angle_rad(xyz[:, 0], xyz[:, 1]) / (2 * np.pi) * around).astype(np.int64) % around
-    block, row_in_block = np.divmod(row, along)
-    packed = np.column_stack([column * along + row_in_block, rho, sigma**-2]).astype(np.float32)
-    for b in np.unique(block):
-        builder.waiting.setdefault(int(b), []).append(packed[block == b])
-    nearest = int(np.percentile(block, 1)) - 1  # one block of slack for the frames still to come
+    first, ends, packed = _by_block(
+        points.xyz_mm,
+        points.direction,
+        points.sigma_mm,
+        kept,
+        alignment.T_pipe_camera,
+        (around, along, builder.settings.cell_z_mm),
+    )
+    for k, (begin, end) in enumerate(pairwise([0, *ends.tolist()])):
+        if end > begin:
+            builder.waiting.setdefault(first + k, []).append(packed[begin:end])
+    # one block of slack for the frames still to come; a hundredth of the points may be astray
+    nearest = first + int(np.searchsorted(ends, 0.01 * packed.size, side="right")) - 1
     for b in [b for b in builder.waiting if b < nearest]:
         _close(builder, b)
+
+
+@njit(cache=True, error_model="numpy")
+def _by_block(xyz_camera, direction, sigma_mm, kept, T, grid):
+    """The kept points as the map gathers them, block by block: the first block's number, and where each block ends.
+
+    A point's weight is by its standard deviation across the wall.
+    """
+    around, along, cell_z_mm = grid
+    n, k = np.count_nonzero(kept), 0
+    row, packed = np.empty(n, dtype=np.int64), np.empty(n, dtype=WAITING)
+    for i in range(kept.size):
+        if not kept[i]:
+            continue
+        x, y, z = _in_pipe(T, xyz_camera[i, 0], xyz_camera[i, 1], xyz_camera[i, 2], 1.0)
+        lx, ly, _ = _in_pipe(T, direction[i, 0], direction[i, 1], direction[i, 2], 0.0)
+        rho = np.sqrt(x * x + y * y)
+        sigma = max(sigma_mm[i] * max(abs(lx * x + ly * y) / rho, 0.05), 1e-3)
+        column = int(np.floor(np.arctan2(x, -y) / (2.0 * np.pi) * around)) % around
+        row[k] = int(np.floor(z / cell_z_mm))
+        packed[k].cell = column * along + row[k] % along
+        packed[k].radius, packed[k].weight = rho, 1.0 / (sigma * sigma)
+        k += 1
+    block = row // along
+    first = block.min()
+    ends = np.cumsum(np.bincount(block - first))
+    if ends.size == 1:
+        return first, ends, packed
+    place, sorted_ = ends.copy(), np.empty(n, dtype=WAITING)
+    for i in range(n - 1, -1, -1):
+        place[block[i] - first] -= 1
+        sorted_[place[block[i] - first]] = packed[i]
+    return first, ends, sorted_
 
 
 def _close(builder: MapBuilder, block: int) -> None:
     """Reduce a block's points to cells; a block that was closed before is joined by its weights."""
     around, along = builder.shape
-    points = np.concatenate(builder.waiting.pop(block))
-    order = np.argsort(points[:, 0], kind="stable")
-    reduced = _reduce(points[order].astype(np.float64), around * along)
+    reduced = _reduce(np.concatenate(builder.waiting.pop(block)), around * along)
     kinds = (np.float64, np.float32, np.float32, np.int32)
     cells = tuple(part.astype(kind).reshape(around, along) for part, kind in zip(reduced, kinds, strict=True))
     if block in builder.done:
@@ -111,40 +163,71 @@ def finish_map(builder: MapBuilder) -> WallMap:
     return WallMap(theta, z, radius, spread, sigma, count)
 
 
-@njit(cache=True)
-def _reduce(points: Float[np.ndarray, "n 3"], cells: int):
+@njit(cache=True, error_model="numpy")
+def _reduce(points, cells):
     """Weighted median, spread (MAD) and typical sigma of the radii in each cell, and their count.
 
-    Rows are (cell, radius, weight), sorted by cell.
+    Points are records like `WAITING`, in any order.
     """
     radius, spread, sigma = np.full(cells, np.nan), np.full(cells, np.nan), np.full(cells, np.nan)
     count = np.zeros(cells, dtype=np.int64)
-    n = points.shape[0]
-    first = 0
-    while first < n:
-        last = first
-        while last < n and points[last, 0] == points[first, 0]:
-            last += 1
-        values, weights = points[first:last, 1].copy(), points[first:last, 2]
-        cell = int(points[first, 0])
-        radius[cell] = _weighted_median(values, weights)
-        spread[cell] = MAD_TO_SIGMA * np.median(np.abs(values - radius[cell]))
-        sigma[cell] = 1.0 / np.sqrt(np.mean(weights))
-        count[cell] = last - first
-        first = last
+    for point in points:
+        count[point.cell] += 1
+    place = np.cumsum(count) - count
+    values, weights = np.empty(points.size), np.empty(points.size)
+    for point in points:
+        values[place[point.cell]], weights[place[point.cell]] = point.radius, point.weight
+        place[point.cell] += 1
+    for cell in range(cells):
+        if count[cell] == 0:
+            continue
+        begin, end = place[cell] - count[cell], place[cell]
+        _sort_together(values, weights, begin, end)
+        radius[cell] = _weighted_median(values, weights, begin, end)
+        spread[cell] = MAD_TO_SIGMA * _median_distance(values, begin, end, radius[cell])
+        sigma[cell] = 1.0 / np.sqrt(np.mean(weights[begin:end]))
     return radius, spread, sigma, count
 
 
-@njit(cache=True)
-def _weighted_median(values, weights):
-    """The value with half of the weight on either side, halfway between two where it falls between."""
-    order = np.argsort(values)
-    half = 0.5 * np.sum(weights)
-    total = 0.0
-    for k in range(order.size):
-        total += weights[order[k]]
+@njit(cache=True, error_model="numpy")
+def _sort_together(values, weights, begin, end):
+    """Sort a stretch by value, the weights with it."""
+    if end - begin > FEW:
+        order = begin + np.argsort(values[begin:end])
+        values[begin:end], weights[begin:end] = values[order], weights[order]
+        return
+    for i in range(begin + 1, end):
+        value, weight, k = values[i], weights[i], i
+        while k > begin and values[k - 1] > value:
+            values[k], weights[k] = values[k - 1], weights[k - 1]
+            k -= 1
+        values[k], weights[k] = value, weight
+
+
+@njit(cache=True, error_model="numpy")
+def _weighted_median(values, weights, begin, end):
+    """The value of a sorted stretch with half of the weight on either side, halfway between two where it falls so."""
+    half, total = 0.5 * np.sum(weights[begin:end]), 0.0
+    for k in range(begin, end):
+        total += weights[k]
         if total > half * (1.0 + 1e-12):
-            return values[order[k]]
-        if total >= half * (1.0 - 1e-12) and k + 1 < order.size:
-            return 0.5 * (values[order[k]] + values[order[k + 1]])
-    return values[order[-1]]
+            return values[k]
+        if total >= half * (1.0 - 1e-12) and k + 1 < end:
+            return 0.5 * (values[k] + values[k + 1])
+    return values[end - 1]
+
+
+@njit(cache=True, error_model="numpy")
+def _median_distance(values, begin, end, middle):
+    """Median distance from a value between the ends of a sorted stretch: the largest is always at one of its ends."""
+    n, low, high = end - begin, begin, end - 1
+    upper, lower = 0.0, 0.0
+    for _ in range(n - (n - 1) // 2):
+        upper = lower
+        if middle - values[low] > values[high] - middle:
+            lower = middle - values[low]
+            low += 1
+        else:
+            lower = values[high] - middle
+            high -= 1
+    return lower if n % 2 == 1 else 0.5 * (upper + lower)

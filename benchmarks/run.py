@@ -24,10 +24,14 @@ from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
 from scenarios.load import load_scenario
 from scenarios.run import run
+from scenarios.scenario import Scenario, nominal_pipe
+from scenarios.score import FrameTally, tally_frame
 from sensor_model.points import see_slits
 from sensor_model.recording import open_recording
+from sensor_model.sense import sense
 from sensor_model.streams import stream
 from twin.simulate import simulate
+from twin.truth import Truth
 
 SENSOR_HZ = 15.0
 ROUNDS = 6
@@ -90,6 +94,51 @@ def per_frame() -> None:
         print(f"  {' + '.join(names):32s} {ms:8.2f} ms, {speed}")
 
 
+def points_end_to_end() -> None:
+    """Time a whole scan in points fidelity on one core: sensed and written, read back, measured, scored."""
+    scenario = load_scenario("paper-gantry", ["sensing.fidelity=points"])
+    truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(0, "drive"))
+    best: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for attempt in range(ROUNDS):
+            seconds, frames = points_once(scenario, truth, Path(folder, str(attempt)))
+            best = {part: min(spent, best.get(part, np.inf)) for part, spent in seconds.items()}
+    print(f"\npoints fidelity end to end, one core, processor time, {frames} frames: best of {ROUNDS}")
+    for part, spent in best.items():
+        print(f"  {part:34s} {1000 * spent / frames:8.2f} ms")
+    for name, left_out in (("all", ()), ("all but align", ("align",))):
+        ms = 1000 * sum(spent for part, spent in best.items() if part not in left_out) / frames
+        print(f"  {name:34s} {ms:8.2f} ms, {1000 / ms:6.1f} frames/s")
+
+
+def points_once(scenario: Scenario, truth: Truth, folder: Path) -> tuple[dict[str, float], int]:
+    """Processor seconds of each part of one scan, and the number of frames."""
+    spent: dict[str, list[float]] = defaultdict(list)
+    kind = scenario.method.registration.kind
+    settings, align = REGISTRATIONS[kind]
+    REGISTRATIONS[kind] = settings, timed("align", align, spent)
+    sent = (truth, scenario.rig, scenario.rig, nominal_pipe(scenario), scenario.sensing, scenario.seed, folder)
+    timed("sense and write", lambda: list(sense(*sent)), spent)()
+    recording = timed("open the recording", lambda: open_recording(folder), spent)()
+    T_true = truth.pose_at(recording.frame_stamps_ns / 1e9)
+    state, tally = measuring.begin(recording.rig, recording.pipe, scenario.method), FrameTally(truth.pipe, scenario.rig)
+    read, step, take = (
+        timed(name, function, spent)
+        for name, function in (
+            ("read", recording.__getitem__),
+            ("measure", measuring.step),
+            ("tally", tally_frame),
+        )
+    )
+    for index in range(len(recording)):
+        frame = read(index)
+        take(tally, step(state, frame, frame.slit_pixels), T_true[index])
+    REGISTRATIONS[kind] = settings, align
+    seconds = {part: sum(calls) / 1000 for part, calls in spent.items()}
+    seconds["measure"] -= seconds["align"]
+    return seconds, len(recording)
+
+
 def together_mb(session: int) -> float:
     """Memory of all processes of one session, shared pages counted once."""
     total = 0.0
@@ -132,12 +181,13 @@ def runs(fidelity: str) -> None:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="the cost of a frame only")
+    parser.add_argument("--quick", action="store_true", help="the cost of a frame only, in pictures and in points")
     parser.add_argument("--long", action="store_true", help="whole runs in picture fidelity too (ten minutes)")
     asked = parser.parse_args()
     model = next(row for row in Path("/proc/cpuinfo").read_text().splitlines() if row.startswith("model name"))
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "opencv-python-headless", "mujoco"))
     print(f"{os.cpu_count()} x {model.split(': ')[1]}; Python {platform.python_version()}, {libraries}")
+    points_end_to_end()
     per_frame()
     for fidelity in [] if asked.quick else ["points", "picture"] if asked.long else ["points"]:
         runs(fidelity)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 
 
 def radius_closeness_pct(radii_mm: Float[np.ndarray, "frames"], true_radius_mm: float) -> float:
@@ -30,15 +31,43 @@ def depth_quality_pct(depths_mm: Float[np.ndarray, "n"], true_depths_mm: Float[n
 
 def circle(xy_mm: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "2"], float]:
     """Centre and radius of the algebraic least-squares circle, as drawn in Fig. 11c."""
-    A = np.column_stack([xy_mm, np.ones(len(xy_mm))])
-    a, b, c = np.linalg.lstsq(A, -np.sum(xy_mm**2, axis=1), rcond=None)[0]
-    center = np.array([-a / 2, -b / 2])
-    return center, float(np.sqrt(center @ center - c))
+    middle_x, middle_y, xx, xy, yy, xs, ys = _circle_moments(xy_mm)
+    # the normal equations about the points' middle, where they lose nothing
+    center = np.array([yy * xs - xy * ys, xx * ys - xy * xs]) / (2 * (xx * yy - xy * xy))
+    return np.array([middle_x, middle_y]) + center, float(np.sqrt(center @ center + xx + yy))
+
+
+@njit(cache=True, error_model="numpy")
+def _circle_moments(xy):
+    """Mean x and y, and about them the means of xx, xy, yy, x (xx + yy) and y (xx + yy)."""
+    n = xy.shape[0]
+    middle_x, middle_y = np.sum(xy[:, 0]) / n, np.sum(xy[:, 1]) / n
+    sum_xx, sum_xy, sum_yy, sum_xs, sum_ys = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        x, y = xy[i, 0] - middle_x, xy[i, 1] - middle_y
+        square = x * x + y * y
+        sum_xx += x * x
+        sum_xy += x * y
+        sum_yy += y * y
+        sum_xs += x * square
+        sum_ys += y * square
+    return middle_x, middle_y, sum_xx / n, sum_xy / n, sum_yy / n, sum_xs / n, sum_ys / n
 
 
 def plane_normal(xyz_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
     """Unit normal of the least-squares plane through a frame's points, pointing forward."""
-    moments = np.cov(xyz_mm.T)
     # rings close together in z make the plane; its normal is the direction of least spread
-    normal = np.linalg.eigh(moments)[1][:, 0]
+    normal = np.linalg.eigh(_spread(xyz_mm))[1][:, 0]
     return normal if normal[2] >= 0 else -normal
+
+
+@njit(cache=True, error_model="numpy")
+def _spread(xyz):
+    """Second moments (3, 3) about the points' middle, summed."""
+    middle = np.array([np.sum(xyz[:, 0]), np.sum(xyz[:, 1]), np.sum(xyz[:, 2])]) / xyz.shape[0]
+    moments = np.zeros((3, 3))
+    for i in range(xyz.shape[0]):
+        for a in range(3):
+            for b in range(3):
+                moments[a, b] += (xyz[i, a] - middle[a]) * (xyz[i, b] - middle[b])
+    return moments

@@ -5,21 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from numba import njit
 
 from algorithms.types import FrameResult, Reconstruction, WallMap
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
 from scenarios.matching import match
 from scenarios.oracle import oracle_err_pct
-from sensor_model.geometry import apply, fisheye_rays, half_angle_rad, twist_about_z_rad, wall_angle_rad, wrap_rad
-from sensor_model.points import first_wall_points
+from sensor_model.geometry import apply, fisheye_rays, twist_about_z_rad, wall_angle_rad, wrap_rad
 from sensor_model.rig import Rig
+from sensor_model.wall_rays import near_wall, wall_ranges_mm
 from twin.features.base import Feature
 from twin.pipe import Pipe
 from twin.truth import Truth
 
 NEAR_DEFECT_MM = 5.0
 SAME_CLOCK_DEG = 0.01
+RIM_MM = 1.0  # neighbouring pixels whose ranges differ by more see two walls, one behind the other
 
 
 @dataclass(frozen=True)
@@ -127,26 +129,65 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
 def true_slits(pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]) -> np.ndarray:
     """The slit that a pixel really shows: its cone passes through the wall point there, give or take a slit's width.
 
-    -1 where there is none: a shadow taken for a slit, or a pixel off the pipe.
+    -1 where there is none: a shadow taken for a slit, or a pixel off the pipe. A pixel at a rim, where its neighbour
+    shows a wall much nearer or further, shows either of them.
     """
-    rays = fisheye_rays(pixel, rig.camera.intrinsics) @ T_true[:3, :3].T
-    wall = first_wall_points(pipe.wall, T_true[:3, 3].copy(), rays, pipe.start_mm, pipe.end_mm)
-    on_wall = (wall - T_true[:3, 3]) @ T_true[:3, :3]
-    angle = half_angle_rad(on_wall, np.array(rig.projector.apex_mm), rig.projector.T_camera_projector[:3, 2])
-    off = np.abs(angle[:, None] - rig.projector.slit_half_angles_rad)
-    nearest = np.argmin(off, axis=1)
-    return np.where(off[np.arange(angle.size), nearest] <= np.radians(rig.projector.slit_width_deg), nearest, -1)
+    slit, range_mm = _shown(pipe, rig, pixel, T_true)
+    for shift_px in (-1.0, 1.0):
+        none = np.flatnonzero(slit < 0)
+        if none.size == 0:
+            break
+        from_center = pixel[none] - [rig.camera.cx_px, rig.camera.cy_px]
+        outward = from_center / np.maximum(np.linalg.norm(from_center, axis=1, keepdims=True), 1.0)
+        beside, there_mm = _shown(pipe, rig, pixel[none] + shift_px * outward, T_true)
+        rim = np.abs(there_mm - range_mm[none]) > RIM_MM
+        slit[none[rim]] = beside[rim]
+    return slit
+
+
+def _shown(
+    pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]
+) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """The slit in each pixel, -1 for none, and the range of the wall there."""
+    eye, projector = T_true[:3, 3], rig.projector
+    rays_camera = fisheye_rays(pixel, rig.camera.intrinsics)
+    rays = rays_camera @ T_true[:3, :3].T
+    ranges = wall_ranges_mm(near_wall(pipe, float(eye[2])), tuple(eye.tolist()), rays)
+    z = eye[2] + ranges * rays[:, 2]
+    angles, width = projector.slit_half_angles_rad, np.radians(projector.slit_width_deg)
+    between = 0.5 * (angles[:-1] + angles[1:])
+    begin, end = np.append(0.0, between).clip(min=angles - width), np.append(between, 1.5).clip(max=angles + width)
+    axis = tuple(projector.T_camera_projector[:3, 2].tolist())
+    slit = _slits_at(rays_camera, ranges, projector.apex_mm, axis, np.tan([begin, end]))
+    return np.where((z >= pipe.start_mm) & (z <= pipe.end_mm), slit, -1), ranges
+
+
+@njit(cache=True, error_model="numpy")
+def _slits_at(rays_camera, ranges, apex, axis, tangents):
+    """The slit between whose two tangents (2, slits) the light to each place in the camera frame passes, else -1."""
+    slit = np.full(ranges.size, -1)
+    for i in range(ranges.size):
+        x, y = ranges[i] * rays_camera[i, 0] - apex[0], ranges[i] * rays_camera[i, 1] - apex[1]
+        z = ranges[i] * rays_camera[i, 2] - apex[2]
+        along = x * axis[0] + y * axis[1] + z * axis[2]
+        tangent = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0)) / along
+        for k in range(tangents.shape[1]):
+            if along > 0 and tangents[0, k] <= tangent <= tangents[1, k]:
+                slit[i] = k
+    return slit
 
 
 def near_defect(pipe: Pipe, xyz_pipe_mm: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
     """Points on or close to a true defect."""
     near = np.zeros(len(xyz_pipe_mm), dtype=bool)
-    theta = wall_angle_rad(xyz_pipe_mm[:, 0], xyz_pipe_mm[:, 1])
+    z = xyz_pipe_mm[:, 2]
     for feature in pipe.features:
         size = feature.size(pipe.bore_radius_mm)
-        dz = np.abs(xyz_pipe_mm[:, 2] - feature.distance_mm)
-        arc = np.abs(feature.arc_mm(theta, pipe.bore_radius_mm))
-        near |= (dz < size.length_mm / 2 + NEAR_DEFECT_MM) & (arc < size.width_mm / 2 + NEAR_DEFECT_MM)
+        beside = np.flatnonzero(np.abs(z - feature.distance_mm) < size.length_mm / 2 + NEAR_DEFECT_MM)
+        if beside.size:
+            theta = wall_angle_rad(xyz_pipe_mm[beside, 0], xyz_pipe_mm[beside, 1])
+            arc = np.abs(feature.arc_mm(theta, pipe.bore_radius_mm))
+            near[beside] |= arc < size.width_mm / 2 + NEAR_DEFECT_MM
     return near
 
 

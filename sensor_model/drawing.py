@@ -75,7 +75,7 @@ def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig) -> tuple[float
     tilt = np.arccos(np.clip(axis[2], -1, 1))
     inner, outer = np.radians([rig.projector.inner_half_angle_deg, rig.projector.outer_half_angle_deg])
     farthest = (pipe.outer_radius_mm + np.hypot(*apex[:2])) / np.tan(max(inner - tilt, 0.05))
-    nearest = (pipe.bore_radius_mm * (1 - pipe.wall.ovality) - np.hypot(*apex[:2])) / np.tan(min(outer + tilt, 1.5))
+    nearest = (pipe.wall.smallest_radius - np.hypot(*apex[:2])) / np.tan(min(outer + tilt, 1.5))
     return float(apex[2] + nearest - 5.0), float(apex[2] + farthest + 5.0)
 
 
@@ -93,7 +93,7 @@ def shadow_crop(
             box.theta_from_rad, box.theta_to_rad, 2 + int((box.theta_to_rad - box.theta_from_rad) / 0.05)
         )
         z = np.linspace(box.z_from_mm, box.z_to_mm, 2 + int((box.z_to_mm - box.z_from_mm) / 10))
-        for rho in (pipe.bore_radius_mm * (1 - pipe.wall.ovality), pipe.outer_radius_mm * 1.01):
+        for rho in (pipe.wall.smallest_radius, pipe.outer_radius_mm * 1.01):
             t, at = (a.ravel() for a in np.meshgrid(theta, z))
             corners.append(np.stack([rho * np.sin(t), -rho * np.cos(t), at, np.ones_like(at)], axis=-1))
     if not corners:
@@ -372,7 +372,7 @@ def _build(pipe: Pipe, key: tuple[str, int]) -> Surface:
 
 
 def _extent(pipe: Pipe, T_pipe_camera: np.ndarray) -> np.ndarray:
-    shaded = pipe.bore_radius_mm * (1 - pipe.wall.ovality) + SHADED_BEYOND_MM
+    shaded = pipe.wall.smallest_radius + SHADED_BEYOND_MM
     beyond = 1e6 if pipe.backed else pipe.outer_radius_mm - HOLE_MM
     return np.array([shaded, beyond, pipe.start_mm - T_pipe_camera[2, 3], pipe.end_mm - T_pipe_camera[2, 3]])
 

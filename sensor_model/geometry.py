@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 GRAVITY_M_S2 = 9.80665
@@ -113,19 +114,47 @@ def fisheye_rays(
     pixels: Float[np.ndarray, "*batch 2"], intrinsics: Float[np.ndarray, "9"]
 ) -> Float[np.ndarray, "*batch 3"]:
     """Unit rays in the camera frame of pixels (u, v): the inverse of `fisheye_project` by Newton's method."""
+    flat = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 2)
+    return rays_and_angles(flat, intrinsics)[0].reshape(*np.shape(pixels)[:-1], 3)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def fisheye_pixel(x, y, z, intrinsics):
+    """`fisheye_project` of one point, for compiled code."""
+    rho = np.sqrt(x * x + y * y)
+    theta = np.arctan2(rho, z)
+    t2 = theta * theta
+    poly = 1 + t2 * (intrinsics[5] + t2 * (intrinsics[6] + t2 * (intrinsics[7] + t2 * intrinsics[8])))
+    scale = theta * poly / rho if rho > 0 else 0.0
+    return (
+        intrinsics[0] * scale * x + intrinsics[2] * scale * y + intrinsics[3],
+        intrinsics[1] * scale * y + intrinsics[4],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def rays_and_angles(pixel, intrinsics):
+    """`fisheye_rays` for compiled code: unit rays of (n, 2) pixels, and their angles with the optical axis."""
     fx, fy, skew, cx, cy, k1, k2, k3, k4 = intrinsics
-    u, v = np.moveaxis(np.asarray(pixels, dtype=float), -1, 0)
-    b = (v - cy) / fy
-    a = (u - cx - skew * b) / fx
-    theta_d = np.hypot(a, b)
-    theta = np.minimum(theta_d, np.pi / 2)
+    n = pixel.shape[0]
+    slant, theta, rays = np.empty(n), np.empty(n), np.empty((n, 3))
+    for i in range(n):
+        y = (pixel[i, 1] - cy) / fy
+        x = (pixel[i, 0] - cx - skew * y) / fx
+        slant[i] = np.sqrt(x * x + y * y)
+        theta[i] = min(slant[i], 0.5 * np.pi)
+    # step by step for all pixels at once, which the processor does several at a time
     for _ in range(FISHEYE_NEWTON_STEPS):
-        t2 = theta * theta
-        value = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) - theta_d
-        slope = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
-        theta = theta - value / slope
-    scale = np.divide(np.sin(theta), theta_d, out=np.ones_like(theta), where=theta_d > 0)
-    return np.stack([a * scale, b * scale, np.cos(theta)], axis=-1)
+        for i in range(n):
+            t2 = theta[i] * theta[i]
+            value = theta[i] * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) - slant[i]
+            theta[i] -= value / (1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4))))
+    for i in range(n):
+        y = (pixel[i, 1] - cy) / fy
+        x = (pixel[i, 0] - cx - skew * y) / fx
+        scale = np.sin(theta[i]) / slant[i] if slant[i] > 0 else 1.0
+        rays[i, 0], rays[i, 1], rays[i, 2] = x * scale, y * scale, np.cos(theta[i])
+    return rays, theta
 
 
 def half_angle_rad(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
-import zipfile
+import io
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +24,8 @@ MAX_FILE_BYTES = 64 * 2**20
 MAX_LOG_BYTES = 2**30
 STAMP_DIGITS = 18
 QUATERNION_TOLERANCE = 0.05
+SLIT_PIXELS_SUFFIX = ".npy"
+SLIT_PIXEL = np.dtype([("pixel", "<f8", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")])
 LATE_S = 0.2  # how far a frame may lie outside the other sensors' logs
 COLUMNS = {
     "imu0": "w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
@@ -92,9 +96,17 @@ class Recording:
         return len(self.frame_files)
 
     @cached_property
-    def _attitude(self) -> Slerp:
-        rotations = Rotation.from_quat(self.q_world_imu_wxyz[:, [1, 2, 3, 0]])
-        return Slerp(self.orientation_stamps_ns / 1e9, rotations)
+    def _attitudes_wxyz(self) -> Float[np.ndarray, "frames 4"]:
+        """The attitude at every frame."""
+        stamps = self.orientation_stamps_ns
+        rotations = Slerp(stamps / 1e9, Rotation.from_quat(self.q_world_imu_wxyz[:, [1, 2, 3, 0]]))
+        return rotations(np.clip(self.frame_stamps_ns, stamps[0], stamps[-1]) / 1e9).as_quat()[:, [3, 0, 1, 2]]
+
+    @cached_property
+    def _frame_counts(self) -> Float[np.ndarray, "frames wheels"]:
+        """The encoders' counts at every frame."""
+        wheels = [np.interp(self.frame_stamps_ns, self.encoder_stamps_ns, wheel) for wheel in self.counts.T]
+        return np.stack(wheels, axis=1)
 
     def __getitem__(self, index: int) -> Frame:
         """Read one frame.
@@ -104,7 +116,7 @@ class Recording:
             BadRecording: for a picture that cannot be read or has the wrong size.
         """
         frame, file = self.frame(index), self.folder / self.frame_files[index]
-        if file.suffix == ".npz":
+        if file.suffix == SLIT_PIXELS_SUFFIX:
             return replace(frame, slit_pixels=_read_slit_pixels(file, len(self.rig.projector.slits)))
         return replace(frame, picture=self._read_picture(file))
 
@@ -117,9 +129,7 @@ class Recording:
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         stamp_ns = int(self.frame_stamps_ns[index])
-        held = np.clip(stamp_ns, self.orientation_stamps_ns[0], self.orientation_stamps_ns[-1])
-        attitude = self._attitude(held / 1e9).as_quat()[[3, 0, 1, 2]]
-        counts = np.array([np.interp(stamp_ns, self.encoder_stamps_ns, wheel) for wheel in self.counts.T])
+        attitude, counts = self._attitudes_wxyz[index], self._frame_counts[index]
         since = int(self.frame_stamps_ns[index - 1]) if index > 0 else -1
         span = slice(*np.searchsorted(self.imu_stamps_ns, [since, stamp_ns], side="right"))
         return Frame(index, stamp_ns, None, None, attitude, counts, self.imu_stamps_ns[span], self.imu[span])
@@ -160,36 +170,66 @@ def _png_size(file: Path) -> tuple[int, int]:
     return int.from_bytes(head[20:24], "big"), int.from_bytes(head[16:20], "big")
 
 
+def write_slit_pixels(file: Path, seen: SlitPixels) -> None:
+    """Write the slit pixels of one frame: an .npy of rows."""
+    rows = np.empty(seen.slit.size, dtype=SLIT_PIXEL)
+    rows["pixel"], rows["slit"], rows["sigma_px"] = seen.pixel, seen.slit, seen.sigma_px
+    np.save(file, rows, allow_pickle=False)
+
+
 def _read_slit_pixels(file: Path, slits: int) -> SlitPixels:
     """Slit pixels of one frame, checked before anything compiled, which looks at no bounds, reads them."""
-    _check_frame_file(file)
-    try:
-        with zipfile.ZipFile(file) as parts:
-            unpacked = sum(part.file_size for part in parts.infolist())
-        if unpacked > MAX_FILE_BYTES:
-            raise BadRecording(f"{file}: unpacks to {unpacked} bytes; at most {MAX_FILE_BYTES}")
-        with np.load(file, allow_pickle=False) as arrays:
-            pixel, slit, sigma = arrays["pixel"], arrays["slit"], arrays["sigma_px"]
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
-    n = slit.size
-    if (pixel.shape, slit.shape, sigma.shape) != ((n, 2), (n,), (n,)):
-        raise BadRecording(
-            f"{file}: shapes {pixel.shape}, {slit.shape}, {sigma.shape}; (n, 2), (n,), (n,) are expected"
-        )
-    if pixel.dtype != np.float64 or slit.dtype != np.int64 or sigma.dtype != np.float64:
-        raise BadRecording(f"{file}: {pixel.dtype}, {slit.dtype}, {sigma.dtype}; float64, int64, float64 are expected")
+    rows = _read_rows(file)
+    pixel, slit, sigma = (np.ascontiguousarray(rows[name]) for name in ("pixel", "slit", "sigma_px"))
     if not (np.isfinite(pixel).all() and np.isfinite(sigma).all() and (sigma > 0).all()):
         raise BadRecording(f"{file}: pixels and sigma_px must be finite, sigma_px positive")
-    if n and not 0 <= slit.min() <= slit.max() < slits:
+    if slit.size and not 0 <= slit.min() <= slit.max() < slits:
         raise BadRecording(f"{file}: slits from {slit.min()} to {slit.max()}; the rig has 0 to {slits - 1}")
     return SlitPixels(pixel, slit, sigma)
 
 
+def _read_rows(file: Path) -> np.ndarray:
+    """Rows of `SLIT_PIXEL` as they are in a file; what its header promises is looked at before it is believed."""
+    _check_frame_file(file)
+    data = file.read_bytes()
+    known = OWN_HEADER.match(data)  # numpy's own reader takes ten times as long
+    count, start = (int(known[1]), known.end()) if known else _read_header(file, data)
+    if count * SLIT_PIXEL.itemsize != len(data) - start:
+        held = f"{len(data) - start} bytes held"
+        raise BadRecording(f"{file}: {count} rows of {SLIT_PIXEL.itemsize} bytes promised, {held}")
+    return np.frombuffer(data, dtype=SLIT_PIXEL, offset=start)
+
+
+def _read_header(file: Path, data: bytes) -> tuple[int, int]:
+    """Number of rows that an .npy's header promises, and where they begin."""
+    text = io.BytesIO(data)
+    try:
+        if np.lib.format.read_magic(text) != (1, 0):
+            raise ValueError("version 1.0 of the format is expected")
+        shape, _, dtype = np.lib.format.read_array_header_1_0(text)
+    except ValueError as error:
+        raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
+    if dtype != SLIT_PIXEL or len(shape) != 1:
+        raise BadRecording(f"{file}: shape {shape} of {dtype}; (n,) of {SLIT_PIXEL} is expected")
+    return shape[0], text.tell()
+
+
+def _own_header() -> re.Pattern[bytes]:
+    """What numpy writes before rows of `SLIT_PIXEL`, whatever their number."""
+    text = io.BytesIO()
+    np.lib.format.write_array_header_1_0(text, np.lib.format.header_data_from_array_1_0(np.zeros(7, SLIT_PIXEL)))
+    before, after = text.getvalue().split(b"(7,)")
+    return re.compile(re.escape(before) + rb"\((\d{1,9}),\)" + re.escape(after.rstrip()) + rb" *\n")
+
+
+OWN_HEADER = _own_header()
+
+
 def _write_csv(path: Path, header: str, stamps_ns: np.ndarray, columns: np.ndarray, fmt: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    lines = [f"#timestamp [ns],{header}"]
-    lines += [f"{stamp}," + ",".join(fmt % v for v in row) for stamp, row in zip(stamps_ns, columns, strict=True)]
+    form = ",".join(["%d", *[fmt] * columns.shape[1]])
+    rows = zip(stamps_ns.tolist(), columns.tolist(), strict=True)
+    lines = [f"#timestamp [ns],{header}", *(form % (stamp, *row) for stamp, row in rows)]
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -236,7 +276,7 @@ def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
             values = [float(v) for v in row[1:]]
         except ValueError as error:
             raise BadRecording(f"{path}:{line}: {error}; a stamp in ns and {columns} numbers are expected") from None
-        if len(values) != columns or not np.all(np.isfinite(values)):
+        if len(values) != columns or not all(map(isfinite, values)):
             raise BadRecording(f"{path}:{line}: {row[1:]}; {columns} finite numbers are expected")
         stamps.append(_stamp_ns(path, line, row[0], stamps))
         rows.append(values)
@@ -297,8 +337,8 @@ def _read_frame_list(folder: Path) -> tuple[np.ndarray, tuple[str, ...]]:
     files: list[str] = []
     for line, row in _csv_rows(path):
         name = row[1].strip() if len(row) == 2 else ""
-        if Path(name).name != name or Path(name).suffix not in (".png", ".npz"):
-            raise BadRecording(f"{path}:{line}: {row}; a stamp in ns and a plain file name (png) are expected")
+        if Path(name).name != name or Path(name).suffix not in (".png", SLIT_PIXELS_SUFFIX):
+            raise BadRecording(f"{path}:{line}: {row}; a stamp in ns and a plain file name (png, npy) are expected")
         stamps.append(_stamp_ns(path, line, row[0], stamps))
         files.append(f"cam0/data/{name}")
     return np.array(stamps, dtype=np.int64), tuple(files)

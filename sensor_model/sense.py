@@ -14,7 +14,7 @@ from sensor_model.encoders import EncoderNoise, measure_encoders
 from sensor_model.imu import ImuNoise, measure_imu
 from sensor_model.optics import Optics
 from sensor_model.points import PointNoise, see_slits
-from sensor_model.recording import NominalPipe, write_frame_list, write_logs
+from sensor_model.recording import SLIT_PIXELS_SUFFIX, NominalPipe, write_frame_list, write_logs, write_slit_pixels
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
 from sensor_model.streams import stream
@@ -64,7 +64,7 @@ def sense(
     poses = truth.pose_at(times)
     stamps = np.round(times * 1e9).astype(np.int64)
     (folder / "cam0" / "data").mkdir(parents=True, exist_ok=True)
-    suffix = ".npz" if sensing.fidelity == "points" else ".png"
+    suffix = SLIT_PIXELS_SUFFIX if sensing.fidelity == "points" else ".png"
     jobs = [
         (truth.pipe, pose, true_rig, sensing, seed, index, folder / "cam0" / "data" / f"{stamp}{suffix}")
         for index, (pose, stamp) in enumerate(zip(poses, stamps, strict=True))
@@ -76,10 +76,10 @@ def sense(
 
 
 def write_frame(pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, seed: int, index: int, file: Path) -> None:
-    """Make one frame and write it: a PNG, or an NPZ of slit pixels."""
+    """Make one frame and write it: a PNG, or the slit pixels."""
     if sensing.fidelity == "points":
         seen = see_slits(pipe, T_pipe_camera, rig, sensing.points, stream(seed, "points", index))
-        np.savez(file, pixel=seen.pixel, slit=seen.slit, sigma_px=seen.sigma_px)
+        write_slit_pixels(file, seen)
         return
     from sensor_model.image_formation import expose
 

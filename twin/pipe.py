@@ -47,9 +47,10 @@ class Standard(Settings):
 
 
 class Wall(NamedTuple):
-    """The pipe as compiled code reads it."""
+    """The pipe as compiled code reads it; nothing of the wall is nearer to the axis than `smallest_radius`."""
 
     inner_radius: float
+    smallest_radius: float
     outer_radius: float
     ovality: float
     ovality_phase: float
@@ -117,7 +118,8 @@ class Pipe(Settings):
         rows = np.array([feature.row() for feature in self.features]).reshape(-1, ROW_LENGTH)
         codes = np.array([CODES[feature.kind] for feature in self.features], dtype=np.int64)
         phase = float(np.radians(self.ovality_clock_deg))
-        return Wall(self.bore_radius_mm, self.outer_radius_mm, self.ovality_pct / 200, phase, codes, rows)
+        bore, ovality = self.bore_radius_mm, self.ovality_pct / 200
+        return Wall(bore, bore * (1 - ovality), self.outer_radius_mm, ovality, phase, codes, rows)
 
     def radius(self, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Float[np.ndarray, "*batch"]:
         """Distance from the axis to the wall: THE definition of this pipe, mm; arguments broadcast."""
@@ -131,25 +133,27 @@ class Pipe(Settings):
         return np.asarray(np.zeros_like(gone) if self.backed else gone)
 
 
-@njit(cache=True)
+# put inline, as all that it calls: a call counts references to the wall's arrays, at several times the cost of a radius
+@njit(cache=True, error_model="numpy", forceinline=True)
 def wall_radius_mm(wall, theta, z):
     """Distance from the axis to the wall at one place, mm."""
-    bore = wall.inner_radius * (1.0 + wall.ovality * np.cos(2.0 * (theta - wall.ovality_phase)))
+    bore = wall.inner_radius
+    if wall.ovality != 0.0:
+        bore *= 1.0 + wall.ovality * np.cos(2.0 * (theta - wall.ovality_phase))
     depth = 0.0
     for i in range(wall.codes.size):
-        row = wall.rows[i]
-        dz = z - row[CENTER_Z]
-        if abs(dz) > row[HALF_BOX_Z]:
+        dz = z - wall.rows[i, CENTER_Z]
+        if abs(dz) > wall.rows[i, HALF_BOX_Z]:
             continue
-        turn = theta - row[CENTER_THETA]
+        turn = theta - wall.rows[i, CENTER_THETA]
         arc = wall.inner_radius * (turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
-        if abs(arc) > row[HALF_BOX_ARC]:
+        if abs(arc) > wall.rows[i, HALF_BOX_ARC]:
             continue
-        depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, row, wall.inner_radius))
+        depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, wall.rows[i], wall.inner_radius))
     return min(bore + depth, wall.outer_radius)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _radii(wall, theta, z):
     out = np.empty(theta.size)
     for i in range(theta.size):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from statistics import median
 from typing import Annotated, Literal
 
 import numpy as np
@@ -79,7 +80,7 @@ def launch(
 def advance(odometry: Odometry, frame: Frame, rig: Rig, settings: OdometrySettings) -> Odometry:
     """One frame on: the median of what the wheels rolled since the last frame, and the roll since then."""
     distances = wheel_distances_mm(frame.counts, rig)
-    step = float(np.median(distances - odometry.distances_mm))  # Eq. 26
+    step = median((distances - odometry.distances_mm).tolist())  # Eq. 26
     roll = odometry.roll
     if roll is not None:
         roll = next_roll(roll, frame, rig, odometry.axis_camera, settings.roll_filter)

@@ -67,6 +67,18 @@ def test_the_stated_deviation_is_the_measured_one():
         assert 1 / np.median(radial[there.ring == k]) == pytest.approx(sensitivity, rel=0.01)
 
 
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (-0.013, 0.013, 1.0)])
+def test_the_stated_deviation_is_the_slope_that_plain_numpy_finds(axis):
+    rig = preset_rig()
+    rig = rig.model_copy(update={"projector": rig.projector.model_copy(update={"axis": axis})})
+    seen = see_slits(PIPE, _pose(), rig, EXACT, np.random.default_rng(0))
+    outward = seen.pixel - [rig.camera.cx_px, rig.camera.cy_px]
+    outward *= 0.01 / np.linalg.norm(outward, axis=1, keepdims=True)
+    ends = [_reference(SlitPixels(seen.pixel + end, seen.slit, seen.sigma_px), rig) for end in (-outward, outward)]
+    slide = np.linalg.norm(ends[1] - ends[0], axis=1) / 0.02
+    assert triangulate(seen, rig).sigma_mm / seen.sigma_px == pytest.approx(slide, rel=1e-6)
+
+
 def test_a_ray_inside_its_cone_gives_no_point():
     rig = preset_rig()
     near_axis = fisheye_project(np.array([[5.0, 0.0, 100.0]]), rig.camera.intrinsics)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from algorithms.types import Alignment, RingPoints
-from algorithms.wall_map import MapBuilder, MapSettings, _reduce, add_points, finish_map, on_a_wall
+from algorithms.wall_map import FEW, MapBuilder, MapSettings, _reduce, add_points, finish_map, on_a_wall
 from sensor_model.geometry import wall_direction
 from sensor_model.recording import NominalPipe
 
@@ -58,9 +58,10 @@ def test_points_beyond_the_wall_are_no_wall():
 
 def test_compiled_reduction_agrees_with_plain_numpy():
     rng = np.random.default_rng(0)
-    cell = np.sort(rng.integers(0, 40, 400)).astype(float)
-    points = np.column_stack([cell, rng.normal(76, 1, 400), rng.uniform(0.5, 3, 400)])
-    radius, spread, sigma, count = _reduce(points, 50)
+    cell = np.append(rng.integers(0, 40, 400), np.full(2 * FEW, 7))  # one that many points fell into
+    points = np.column_stack([cell, rng.normal(76, 1, cell.size), rng.uniform(0.5, 3, cell.size)])
+    records = np.array(list(map(tuple, points)), dtype=[("cell", "i4"), ("radius", "f8"), ("weight", "f8")])
+    radius, spread, sigma, count = _reduce(records, 50)
     for c in range(50):
         mine = points[cell == c]
         assert count[c] == len(mine)

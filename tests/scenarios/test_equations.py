@@ -52,3 +52,14 @@ def test_circle_and_plane_of_known_points():
     xy = np.random.default_rng(0).uniform(-70, 70, (200, 2))
     normal = plane_normal(np.column_stack([xy, 100 + 0.1 * xy[:, 0]]))
     assert np.allclose(normal, np.array([-0.1, 0, 1]) / np.hypot(0.1, 1))
+
+
+def test_compiled_moments_agree_with_plain_numpy():
+    xyz = np.random.default_rng(0).normal(size=(300, 3)) * [50, 60, 5] + [3, -2, 400]
+    A = np.column_stack([xyz[:, :2], np.ones(300)])
+    a, b, c = np.linalg.lstsq(A, -np.sum(xyz[:, :2] ** 2, axis=1), rcond=None)[0]
+    center, radius = circle(xyz[:, :2])
+    assert center == pytest.approx([-a / 2, -b / 2], abs=1e-9)
+    assert radius == pytest.approx(np.sqrt(a * a / 4 + b * b / 4 - c), abs=1e-9)
+    least = np.linalg.eigh(np.cov(xyz.T))[1][:, 0]
+    assert plane_normal(xyz) == pytest.approx(least * np.sign(least[2]), abs=1e-9)

@@ -11,6 +11,8 @@ from algorithms.types import Defect
 from scenarios.load import load_scenario
 from scenarios.matching import match
 from scenarios.score import MEANINGS, Score, pose_errors, score, true_slits
+from sensor_model.geometry import fisheye_project, fisheye_rays, half_angle_rad
+from twin.pipe import Pipe
 
 
 @pytest.fixture
@@ -76,6 +78,44 @@ def test_wrong_words_are_seen(scan):
     center = np.array([rig.camera.cx_px, rig.camera.cy_px])
     between = center + (seen.pixel[seen.slit == 3] - center) * 1.06
     assert (true_slits(truth.pipe, rig, between, T) == -1).mean() > 0.9
+
+
+def test_true_slits_agree_with_plain_numpy(scan):
+    truth, _, _ = scan
+    rig = load_scenario("paper-gantry").rig
+    T, rng = truth.pose_at(np.array([0.5]))[0], np.random.default_rng(3)
+    pixel = rng.uniform(0, 1, (4000, 2)) * [rig.camera.width_px - 1, rig.camera.height_px - 1]
+    rays = fisheye_rays(pixel, rig.camera.intrinsics) @ T[:3, :3].T
+    plain = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, start_mm=-50, end_mm=300)
+    a, b, c = np.sum(rays[:, :2] ** 2, axis=1), rays[:, :2] @ T[:2, 3], T[:2, 3] @ T[:2, 3] - 76.2**2
+    wall = T[:3, 3] + ((-b + np.sqrt(b * b - a * c)) / a)[:, None] * rays
+    projector = rig.projector
+    apex, axis = np.array(projector.apex_mm), projector.T_camera_projector[:3, 2]
+    off = np.abs(half_angle_rad((wall - T[:3, 3]) @ T[:3, :3], apex, axis)[:, None] - projector.slit_half_angles_rad)
+    shown = (off.min(axis=1) <= np.radians(projector.slit_width_deg)) & (wall[:, 2] > -50) & (wall[:, 2] < 300)
+    assert 0.1 < shown.mean() < 0.9
+    assert np.array_equal(true_slits(plain, rig, pixel, T), np.where(shown, off.argmin(axis=1), -1))
+
+
+def test_a_pixel_at_a_rim_shows_either_side_of_it():
+    rig, T = load_scenario("paper-gantry").rig, np.eye(4)
+    alpha = rig.projector.slit_half_angles_rad[4]
+    rim = 76.2 / np.tan(alpha) - 53.0
+    pocket = {
+        "kind": "pocket",
+        "distance_mm": rim + 31,
+        "clock_deg": 120,
+        "length_mm": 60,
+        "width_mm": 40,
+        "depth_mm": 7,
+    }
+    pipe = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, features=[pocket])
+    theta = np.radians(120)
+    on_rim = np.array([[76.2 * np.sin(theta), -76.2 * np.cos(theta), rim - 0.05]])
+    pixel = fisheye_project(on_rim, rig.camera.intrinsics)
+    center = np.array([rig.camera.cx_px, rig.camera.cy_px])
+    inward = (center - pixel) / np.linalg.norm(center - pixel)
+    assert [int(true_slits(pipe, rig, pixel + px * inward, T)[0]) for px in (0.0, 0.9, 3.0)] == [4, 4, -1]
 
 
 def test_scoring_edits_nothing(scan):

@@ -14,6 +14,7 @@ from sensor_model import drawing, raycast
 from sensor_model.geometry import apply, fisheye_project, inverse, transform
 from sensor_model.optics import Optics, light
 from sensor_model.rig import Rig, preset_rig
+from sensor_model.wall_rays import inward_normal
 from twin.features.pit import Pit
 from twin.features.pocket import Pocket
 from twin.features.scratch import Scratch
@@ -169,7 +170,7 @@ def test_the_ray_caster_finds_the_wall_that_plain_bisection_finds() -> None:
     for _ in range(300):
         aim = hole_floor_mm()[5] + rng.normal(0, 12, 3) - np.array(view.eye)
         aim /= np.linalg.norm(aim)
-        found = raycast._hit(CARVED.wall, BORE_MM, view, beam, tuple(aim.tolist()))
+        found = raycast._hit(CARVED.wall, view, beam, tuple(aim.tolist()))
         if found < 0:
             continue
         s = np.arange(found - 30, found + 5, 0.002)
@@ -184,7 +185,7 @@ def test_the_inward_normal_is_the_walls() -> None:
     for theta, z in ((2.0, 250.3), (2.28, 280.0), (1.0, 100.0)):
         rho = wall_radius_mm(CARVED.wall, theta, z)
         point = (rho * np.sin(theta), -rho * np.cos(theta), z)
-        normal = np.array(raycast._inward_normal(CARVED.wall, BORE_MM, point))
+        normal = np.array(inward_normal(CARVED.wall, point))
         assert np.linalg.norm(normal) == pytest.approx(1)
         for d_theta, d_z in ((1e-4, 0.0), (0.0, 1e-2)):
             ends = []

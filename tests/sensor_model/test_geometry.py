@@ -80,6 +80,12 @@ def test_fisheye_agrees_with_opencv():
     assert np.allclose(g.fisheye_project(points, k), theirs[:, 0], atol=1e-9)
 
 
+def test_the_compiled_fisheye_agrees_with_plain_numpy():
+    k = preset_rig().camera.intrinsics
+    points = np.vstack([np.random.default_rng(0).normal(size=(50, 3)) * [60, 60, 20] + [0, 0, 90], [[0, 0, 5.0]]])
+    assert np.allclose([g.fisheye_pixel(*point, k) for point in points], g.fisheye_project(points, k), atol=1e-9)
+
+
 def test_fisheye_rays_undo_the_projection():
     k = preset_rig().camera.intrinsics
     u, v = np.meshgrid(np.linspace(0, 1663, 40), np.linspace(0, 1231, 30))

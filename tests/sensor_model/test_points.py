@@ -7,8 +7,9 @@ import pytest
 
 from algorithms.triangulate import triangulate
 from sensor_model.geometry import half_angle_rad
-from sensor_model.points import PointNoise, first_wall_points, in_sight, see_slits
+from sensor_model.points import PointNoise, see_slits
 from sensor_model.rig import preset_rig
+from sensor_model.wall_rays import in_shadow, point_in_shadow, stretch_mm, wall_range_mm, wall_ranges_mm
 from twin.pipe import Pipe
 
 EXACT = PointNoise(pixel_noise_px=0, drop_out_share=0, azimuths=360)
@@ -65,17 +66,51 @@ def test_marching_agrees_with_plain_numpy():
     theta, alpha = rng.uniform(1.8, 2.4, 200), rng.uniform(0.35, 0.65, 200)
     rays = np.stack([np.sin(alpha) * np.sin(theta), -np.sin(alpha) * np.cos(theta), np.cos(alpha)], axis=1)
     origin = np.array([2.0, -1.0, -40.0])
-    found = first_wall_points(pipe.wall, origin, rays, -400.0, 900.0)
+    found = origin + wall_ranges_mm(pipe.wall, tuple(origin), rays)[:, None] * rays
     t = np.arange(100, 400, 0.01)
     for ray, hit in zip(rays[:40], found, strict=False):
         path = origin + t[:, None] * ray
         outside = np.hypot(path[:, 0], path[:, 1]) > pipe.radius(np.arctan2(path[:, 0], -path[:, 1]), path[:, 2])
         assert np.linalg.norm(path[outside.argmax()] - hit) < 0.02
-    eye = np.array([2.0, -1.0, 13.0])
-    assert in_sight(pipe.wall, found, eye).mean() > 0.8
     assert np.allclose(half_angle_rad(found, origin, np.array([0, 0, 1.0])), alpha)
+
+
+def test_shadows_agree_with_plain_numpy():
+    pipe, eye, rng = _pipe(), np.array([2.0, -1.0, 13.0]), np.random.default_rng(2)
+    theta, z = rng.uniform(1.8, 2.4, 300), rng.uniform(85, 155, 300)
+    rho = pipe.radius(theta, z)
+    points = np.stack([rho * np.sin(theta), -rho * np.cos(theta), z], axis=1)
+    shaded = in_shadow(pipe.wall, points, tuple(eye))
+    assert 0.02 < shaded.mean() < 0.2
+    share = np.linspace(0, 1, 4000)[:, None]
+    for point, dark in zip(points, shaded, strict=True):
+        path = point + share * (eye - point)
+        wall = pipe.radius(np.arctan2(path[:, 0], -path[:, 1]), path[:, 2])
+        # by how much the line leaves the bore; what grazes the wall may go either way
+        deepest = np.max(np.hypot(path[:, 0], path[:, 1]) - wall)
+        assert dark == (deepest > 0.05) or 1e-9 < deepest < 0.05
 
     # the near corner of the floor cannot be seen from far behind the rim, and can from above
     corner = np.array([[83.6 * np.sin(2.0944), -83.6 * np.cos(2.0944), 92.5]])
-    assert not in_sight(pipe.wall, corner, np.array([0.0, 0.0, -300.0]))[0]
-    assert in_sight(pipe.wall, corner, np.array([0.0, 0.0, 92.5]))[0]
+    assert in_shadow(pipe.wall, corner, (0.0, 0.0, -300.0))[0]
+    assert not in_shadow(pipe.wall, corner, (0.0, 0.0, 92.5))[0]
+
+
+@pytest.mark.parametrize("ovality_pct", [0.0, 2.0])
+def test_many_rays_at_once_go_as_one_by_one(ovality_pct):
+    pipe, rng = _pipe(ovality_pct=ovality_pct), np.random.default_rng(4)
+    theta, alpha = rng.uniform(1.5, 2.7, 500), rng.uniform(0.2, 0.65, 500)
+    rays = np.stack([np.sin(alpha) * np.sin(theta), -np.sin(alpha) * np.cos(theta), np.cos(alpha)], axis=1)
+    origin, eye = (2.0, -1.0, -40.0), (2.5, -0.5, 13.0)
+    ranges = wall_ranges_mm(pipe.wall, origin, rays)
+    one_by_one = [
+        wall_range_mm(pipe.wall, origin, ray, *stretch_mm(pipe.wall, origin, ray)) for ray in map(tuple, rays)
+    ]
+    assert ranges == pytest.approx(one_by_one, abs=1e-9)
+    points = origin + ranges[:, None] * rays
+    dark = [point_in_shadow(pipe.wall, tuple(point), eye) for point in points]
+    assert in_shadow(pipe.wall, points, eye).tolist() == dark
+
+
+def test_a_ray_along_the_axis_meets_no_wall():
+    assert np.isnan(wall_ranges_mm(_pipe().wall, (0.0, 0.0, 0.0), np.array([[0.0, 0.0, 1.0]]))).all()

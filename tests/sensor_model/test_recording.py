@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 
 from scenarios.load import load_scenario
 from scenarios.scenario import nominal_pipe
-from sensor_model.recording import BadRecording, open_recording
+from sensor_model.recording import (
+    MAX_FILE_BYTES,
+    OWN_HEADER,
+    SLIT_PIXEL,
+    BadRecording,
+    _read_slit_pixels,
+    open_recording,
+)
 from sensor_model.rig import Rig, load_settings, preset_rig
 from sensor_model.sense import sense
 from sensor_model.streams import stream
@@ -108,37 +117,74 @@ def test_a_picture_of_the_wrong_size_is_refused(log, tmp_path):
         open_recording(copy)[0]
 
 
-def _npz_log(log, tmp_path, **changes):
+def _log_with(log, tmp_path, change):
     import shutil
 
     copy = tmp_path / "copy"
     shutil.copytree(log[0], copy)
     file = sorted((copy / "cam0" / "data").iterdir())[0]
-    with np.load(file) as arrays:
-        parts = dict(arrays)
-    if "raw" in changes:
-        file.write_bytes(changes["raw"])
+    made = change(np.load(file))
+    if isinstance(made, bytes):
+        file.write_bytes(made)
     else:
-        np.savez_compressed(file, **{**parts, **{name: make(parts[name]) for name, make in changes.items()}})
+        np.save(file, made)
     return open_recording(copy)
 
 
+def _set(name, value):
+    def change(rows):
+        rows[name] = value(rows[name])
+        return rows
+
+    return change
+
+
+def _promising(count):
+    """A frame whose header promises more rows than there are."""
+    file = io.BytesIO()
+    rows = np.lib.format.header_data_from_array_1_0(np.zeros(1, dtype=SLIT_PIXEL))
+    np.lib.format.write_array_header_1_0(file, {**rows, "shape": (count,)})
+    return file.getvalue()
+
+
+NARROW = [("pixel", "<f4", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")]
+
+
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("change", "said"),
     [
-        ({"slit": lambda slit: slit + 100_000}, "slits from 100000 to 100007; the rig has 0 to 7"),
-        ({"slit": lambda slit: -1 - slit}, "slits from -8 to -1"),
-        ({"sigma_px": lambda sigma: sigma[:-1]}, "shapes"),
-        ({"pixel": lambda pixel: pixel * np.nan}, "finite"),
-        ({"pixel": lambda pixel: pixel.astype(np.float32)}, "float32"),
-        ({"pixel": lambda pixel: np.zeros((10_000_000, 2))}, "unpacks to 16"),  # noqa: ARG005
-        ({"raw": b"PK\x03\x04 not a zip"}, "not a frame of slit pixels"),
-        ({"raw": b""}, "not a frame of slit pixels"),
+        (_set("slit", lambda slit: slit + 100_000), "slits from 100000 to 100007; the rig has 0 to 7"),
+        (_set("slit", lambda slit: -1 - slit), "slits from -8 to -1"),
+        (_set("pixel", lambda pixel: pixel * np.nan), "finite"),
+        (_set("sigma_px", np.zeros_like), "positive"),
+        (lambda rows: np.stack([rows, rows]), r"shape \(2, \d+\)"),
+        (lambda rows: rows.astype(NARROW), "<f4"),
+        (lambda rows: np.array([{}]), "of object"),  # noqa: ARG005
+        (lambda rows: _promising(123_456_789), "123456789 rows of 32 bytes promised, 0 bytes held"),  # noqa: ARG005
+        (lambda rows: _promising(10**15), "10+ rows of 32 bytes promised, 0 bytes held"),  # noqa: ARG005
+        (lambda rows: _promising(-1), "-1 rows"),  # noqa: ARG005
+        (lambda rows: b"PK\x03\x04 not rows", "not a frame of slit pixels"),  # noqa: ARG005
+        (lambda rows: b"", "not a frame of slit pixels"),  # noqa: ARG005
+        (lambda rows: b"\x93NUMPY\x01\x00\xff\xff{", "not a frame of slit pixels"),  # noqa: ARG005
+        (lambda rows: bytes(MAX_FILE_BYTES + 1), f"{MAX_FILE_BYTES + 1} bytes; at most {MAX_FILE_BYTES}"),  # noqa: ARG005
     ],
 )
-def test_a_spoiled_frame_is_refused_before_it_is_used(log, tmp_path, changes, said):
-    with pytest.raises(BadRecording, match=said):
-        _npz_log(log, tmp_path, **changes)[0]
+def test_a_spoiled_frame_is_refused_before_it_is_used(log, tmp_path, change, said):
+    with pytest.raises(BadRecording, match=said) as refused:
+        _log_with(log, tmp_path, change)[0]
+    assert str(refused.value).count(".npy") == 1  # the file is named once
+
+
+@pytest.mark.parametrize("count", [0, 1, 9999, 10000])
+def test_any_number_of_rows_is_read_back(tmp_path, count):
+    rows = np.zeros(count, dtype=SLIT_PIXEL)
+    rows["sigma_px"], rows["slit"], rows["pixel"][:, 0] = 0.25, np.arange(count) % 8, np.arange(count)
+    np.save(tmp_path / "frame.npy", rows)
+    assert OWN_HEADER.match((tmp_path / "frame.npy").read_bytes())
+    pixels = _read_slit_pixels(tmp_path / "frame.npy", 8)
+    assert np.array_equal(pixels.pixel, rows["pixel"])
+    assert np.array_equal(pixels.slit, rows["slit"])
+    assert np.array_equal(pixels.sigma_px, rows["sigma_px"])
 
 
 def test_a_log_that_ends_early_is_refused(log, tmp_path):

@@ -18,7 +18,7 @@ CODES = {kind: code for code, kind in enumerate(FAMILIES)}
 AnyFeature = Annotated[Pocket | Pit | Scratch, Field(discriminator="kind")]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def feature_depth_mm(code, dz, arc, row, inner_radius):
     """Depth of one feature, mm; `code` counts the families in the dictionary's order."""
     if code == 0:

@@ -46,7 +46,7 @@ class Pit(Feature):
         return radius, radius, (radius, self.depth_mm, ball)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def depth_mm(dz, arc, row, inner_radius):  # noqa: ARG001  one signature for all families
     """Depth at an axial and an arc distance from the centre, mm."""
     radius, depth, ball = row[FIRST_OWN], row[FIRST_OWN + 1], row[FIRST_OWN + 2]

@@ -49,7 +49,7 @@ class Pocket(Feature):
         return half_length + half_edge, half_width + half_edge, (*own, self.corner_radius_mm)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def depth_mm(dz, arc, row, inner_radius):
     """Depth at an axial and an arc distance from the centre, mm."""
     half_length, half_width, depth, planar = (

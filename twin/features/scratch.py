@@ -42,7 +42,7 @@ class Scratch(Feature):
         return along + self.width_mm, abs(across) + self.width_mm, own
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def depth_mm(dz, arc, row, inner_radius):  # noqa: ARG001  one signature for all families
     """Depth at an axial and an arc distance from the centre, mm."""
     end_z, end_arc, half_line = row[FIRST_OWN], row[FIRST_OWN + 1], row[FIRST_OWN + 2]
