@@ -14,7 +14,9 @@ from pathlib import Path
 from scenarios.document import BadInput
 
 MARK = "run.json"  # the last file of a run; a folder without it is not ours to replace
-PARTS = {MARK, "scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html"}
+RUN_PARTS = {"scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html"}
+BENCH_PARTS = {"rows.csv", "pairs.csv", "frames.csv", "report.html"}
+PARTS = {MARK} | RUN_PARTS | BENCH_PARTS
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
