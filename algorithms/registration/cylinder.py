@@ -108,7 +108,7 @@ def _consensus(packed, start, hypotheses):
         cost = _cost(residual, INLIER_SIGMAS)
         if cost < best_cost:
             best, best_cost = candidate, cost
-            clean = np.mean(np.abs(residual) < INLIER_SIGMAS) ** SAMPLE
+            clean = max(np.mean(np.abs(residual) < INLIER_SIGMAS) ** SAMPLE, 1e-9)
             needed = min(float(hypotheses), np.log(MISSED) / np.log1p(-clean) if clean < 1.0 else 1.0)
     residuals(some, best, residual)
     return best, max(scale_about_zero(residual), SMALLEST_SCALE)

@@ -101,15 +101,17 @@ def _cell_medians(cell, rho, radius, count):
 
 
 @njit(cache=True)
-def _linear(place, height, weight, rows, radius_weight, step):
+def _linear(place, height, weight, rows, radius_weight, H, g, step):
     """Least-squares change of the cylinder over some cells."""
     n = step.size
-    H, g = np.zeros((n, n)), np.zeros(n)
+    H[:], g[:] = 0.0, 0.0
     for c in rows:
+        w, h = weight[c], height[c]
         for a in range(n):
-            g[a] += weight[c] * place[c, a] * height[c]
+            wa = w * place[c, a]
+            g[a] += wa * h
             for b in range(a + 1):
-                H[a, b] += weight[c] * place[c, a] * place[c, b]
+                H[a, b] += wa * place[c, b]
     for a in range(n):
         for b in range(a):
             H[b, a] = H[a, b]
@@ -141,7 +143,7 @@ def _cost(place, height, weight, rows, step, cut, best):
 def _best_step(place, height, weight, rows, cut, radius, nominal, radius_std, terms, samples):
     """RANSAC over cells, where a hypothesis is linear and so costs next to nothing; then polished on those it keeps."""
     ones = np.ones(weight.size)
-    best, step = np.zeros(terms), np.empty(terms)
+    best, step, H, g = np.zeros(terms), np.empty(terms), np.empty((terms, terms)), np.empty(terms)
     best_cost = _cost(place, height, weight, rows, best, cut, np.inf)
     sample = np.empty(SAMPLE + terms - 5, dtype=np.int64)
     state = np.uint64(20230139)  # the sampling is part of the method: the same points give the same pose
@@ -149,7 +151,7 @@ def _best_step(place, height, weight, rows, cut, radius, nominal, radius_std, te
         for k in range(sample.size):
             state = state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
             sample[k] = rows[int((state >> np.uint64(33)) % np.uint64(rows.size))]
-        if not _linear(place, height, ones, sample, (cut / CELL_CUT / radius_std) ** 2, step):
+        if not _linear(place, height, ones, sample, (cut / CELL_CUT / radius_std) ** 2, H, g, step):
             continue
         if abs(radius + step[4] - nominal) > 4.0 * radius_std:
             continue
@@ -163,7 +165,7 @@ def _best_step(place, height, weight, rows, cut, radius, nominal, radius_std, te
         for c in rows:
             u = _height_left(place, height, best, c) / wide
             kept[c] = weight[c] * max(1.0 - u * u, 0.0) ** 2
-        if not _linear(place, height, kept, rows, 1e-9, step):
+        if not _linear(place, height, kept, rows, 1e-9, H, g, step):
             break
         best[:] = step
         wide = max(cut, 0.7 * wide)
