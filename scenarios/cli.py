@@ -12,6 +12,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from scenarios.bench.commands import app as bench_commands
+from scenarios.study import commands as study_commands
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
@@ -174,6 +175,9 @@ def doctor(as_json: AsJson = False) -> None:
             print(f"{state:<7}  {item.name}: {item.seen}{mend}")
     if not all(item.ok or item.optional for item in checks):
         raise typer.Exit(FAILED)
+
+
+study_commands.register(app)
 
 
 def _cores() -> int:
