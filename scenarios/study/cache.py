@@ -1,4 +1,4 @@
-"""Results of stages on disk, each under the hash of what it depends on; safe for many processes, never trusted blindly."""
+"""Results of stages on disk, each under the hash of what it depends on, and checked before it is used again."""
 
 from __future__ import annotations
 
@@ -91,9 +91,15 @@ class Cache:
 
     def arrays(self, stage: str, key: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
         """An entry that is a set of arrays."""
-        with self.entry(stage, key, lambda folder: np.savez(folder / "arrays.npz", **make())) as place:
-            with np.load(place / "arrays.npz", allow_pickle=False) as found:
-                return {name: found[name] for name in found.files}
+
+        def save(folder: Path) -> None:
+            np.savez(folder / "arrays.npz", **make())  # type: ignore[arg-type]  # none is called allow_pickle
+
+        with (
+            self.entry(stage, key, save) as place,
+            np.load(place / "arrays.npz", allow_pickle=False) as found,
+        ):
+            return {name: found[name] for name in found.files}
 
     def _make(self, place: Path, make: Callable[[Path], None]) -> None:
         """Make an entry beside its place and put it there when it is whole."""
@@ -101,7 +107,8 @@ class Cache:
         work.mkdir(parents=True)
         try:
             with _directory(work) as handle:
-                fcntl.flock(handle, fcntl.LOCK_EX)  # says that somebody still works here
+                if handle is not None:
+                    fcntl.flock(handle, fcntl.LOCK_EX)  # says that somebody still works here
                 make(work)
                 self.written_bytes += _list_contents(work)
                 _discard(place)

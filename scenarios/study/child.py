@@ -8,6 +8,7 @@ import select
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +38,9 @@ class Child:
         self.since_s = time.monotonic()
         self._buffer = b""
         with open(log or os.devnull, "ab") as said:  # noqa: PTH123  a log, or nowhere
-            self.process = subprocess.Popen(
+            self.process = subprocess.Popen(  # noqa: S603  our own program
                 # -P: a folder the user stands in must not shadow the program's own modules
-                [sys.executable, "-P", "-m", "scenarios.study.worker", str(os.getpid())],  # noqa: S603
+                [sys.executable, "-P", "-m", "scenarios.study.worker", str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=said,
@@ -115,10 +116,8 @@ class Child:
         self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
-                try:
+                with suppress(BrokenPipeError):
                     pipe.close()
-                except BrokenPipeError:
-                    pass
 
     def _ended(self) -> Outcome | None:
         status = self.process.wait()
@@ -133,11 +132,9 @@ class Child:
 
     def _write(self, what: dict[str, Any]) -> None:
         assert self.process.stdin is not None  # noqa: S101  it is a pipe
-        try:
+        with suppress(BrokenPipeError):  # its end is noticed where answers are read
             self.process.stdin.write(json.dumps(what).encode() + b"\n")
             self.process.stdin.flush()
-        except BrokenPipeError:
-            pass  # its end is noticed where answers are read
 
     def _last_words(self) -> str:
         if self.log is None or not self.log.is_file():

@@ -113,6 +113,8 @@ def _plugin(name: str, setup: dict[str, Any], time_limit_s: float) -> Any:
     from distributed import WorkerPlugin
 
     class Recipe(WorkerPlugin):
+        name: str
+
         def setup(self, worker: Any) -> None:  # noqa: ARG002  Dask's signature
             from scenarios.study import cluster
 
@@ -172,7 +174,10 @@ def make_group(name: str, lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for line in lines:
         for attempt in range(1, MOST_FALSE_STARTS + 1):
             try:
-                outcomes.append(run_one(_child(name), line)._asdict())
+                child = _child(name)
+                outcomes.append(run_one(child, line)._asdict())
+                if outcomes[-1]["cause"] == "memory":
+                    child.kill()
                 break
             except FalseStart:
                 if attempt == MOST_FALSE_STARTS:
@@ -181,7 +186,7 @@ def make_group(name: str, lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _child(name: str) -> Child:
-    """This thread's process, a new one when it ended or served another study."""
+    """The process of this thread, a new one when it ended or served another study."""
     child: Child | None = getattr(_KEPT, "child", None)
     if child is not None and (child.ended or child.study != name):
         child.kill()

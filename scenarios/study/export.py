@@ -1,4 +1,4 @@
-"""A study's rows as files that other programs read: sorted by their key and without times, so that equal studies match."""
+"""A study's rows as files for other programs: sorted by key and without times, so that equal studies match."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ class Normal(_Endless):
         ends += [self.mean + 5 * self.std if self.high is None else self.high]
         below, above = ndtr((np.array(ends) - self.mean) / self.std)
         drawn = self.mean + self.std * ndtri(below + unit * (above - below))
-        return _plain(np.clip(drawn, *ends), self.whole)
+        return _plain(np.clip(drawn, ends[0], ends[1]), self.whole)
 
 
 class Triangular(_Endless, _Interval):

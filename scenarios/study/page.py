@@ -6,7 +6,10 @@ from html import escape
 from math import isfinite
 from pathlib import Path
 
+from scenarios.report.canvas import Picture
 from scenarios.run_folder import whole_file
+from scenarios.study.figures import over_factor, unity
+from scenarios.study.gather import Gathered, Mean, gather, levels, mean_of, paired
 from scenarios.study.ledger import Ledger, Row
 
 PAGE_FILE = "study.html"
@@ -39,7 +42,8 @@ def _page(ledger: Ledger, counts: dict[str, int], sections: dict[str, str], runn
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-{refresh}<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+{refresh}<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
 <title>{name}: study</title>
 <style>
 {STYLE.read_text(encoding="utf-8")}</style>
@@ -98,9 +102,6 @@ def progress(ledger: Ledger, counts: dict[str, int]) -> str:
 
 
 def _findings(ledger: Ledger) -> dict[str, str]:
-    from scenarios.study.figures import over_factor, unity
-    from scenarios.study.gather import gather
-
     found = gather(ledger)
     sections = {"Methods": methods_table(found)}
     if len(found.methods) > 1:
@@ -112,10 +113,8 @@ def _findings(ledger: Ledger) -> dict[str, str]:
     return sections
 
 
-def methods_table(found) -> str:
+def methods_table(found: Gathered) -> str:
     """Every recorded figure by method: mean, interval, n."""
-    from scenarios.study.gather import mean_of
-
     head = _row("th", ["figure", *found.methods])
     rows = "".join(
         _row("td", [name, *(_mean(mean_of(found.column(name)[found.method == k])) for k in range(len(found.methods)))])
@@ -124,20 +123,16 @@ def methods_table(found) -> str:
     return _table(head, rows, "Mean ± half the width of its 95 % interval, and of how many runs.")
 
 
-def paired_table(found) -> str:
+def paired_table(found: Gathered) -> str:
     """Differences of each further method from the first, scan by scan."""
-    from scenarios.study.gather import paired
-
     others = range(1, len(found.methods))
     head = _row("th", ["figure", *(f"{found.methods[k]} − {found.methods[0]}" for k in others)])
     rows = "".join(_row("td", [name, *(_mean(paired(found, name, k)) for k in others)]) for name in found.names)
     return _table(head, rows, "Mean difference over the scans that both methods measured, n scans.")
 
 
-def factor_table(found, path: str) -> str:
+def factor_table(found: Gathered, path: str) -> str:
     """The leading figures by the factor's level and by method."""
-    from scenarios.study.gather import levels, mean_of
-
     head = _row("th", [path, "method", *found.leading])
     rows = ""
     for level in levels(found, path):
@@ -147,7 +142,7 @@ def factor_table(found, path: str) -> str:
     return _table(head, rows, "Mean ± half the width of its 95 % interval, and of how many runs.")
 
 
-def _mean(value) -> str:
+def _mean(value: Mean) -> str:
     if not isfinite(value.mean):
         return f"n/a (n = {value.n})"
     half = "" if value.half is None else f" ± {value.half:.2g}"
@@ -166,7 +161,7 @@ def _row(cell: str, texts: list[str]) -> str:
     return "<tr>" + "".join(f"<{cell}{scope}>{escape(text)}</{cell}>" for text in texts) + "</tr>"
 
 
-def _figure(picture) -> str:
+def _figure(picture: Picture) -> str:
     size = f'width="{picture.width_px}" height="{picture.height_px}"'
     image = f'<img src="{picture.source}" {size} alt="{escape(picture.alt)}">'
     return (

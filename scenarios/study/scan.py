@@ -112,9 +112,7 @@ def _packed(frames: list[SlitPixels]) -> dict[str, np.ndarray]:
     return {**parts, "count": np.array([f.slit.size for f in frames])}
 
 
-def _unpacked(
-    parts: dict[str, np.ndarray], scenario: Scenario, truth: Truth
-) -> tuple[Trajectory, WallMap, FrameTally]:
+def _unpacked(parts: dict[str, np.ndarray], scenario: Scenario, truth: Truth) -> tuple[Trajectory, WallMap, FrameTally]:
     def of(prefix: str) -> dict[str, np.ndarray]:
         return {name.removeprefix(prefix): part for name, part in parts.items() if name.startswith(prefix)}
 

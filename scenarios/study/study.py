@@ -31,10 +31,10 @@ class StudyFile(Settings):
     name: Name
     why: Annotated[str, Field(max_length=400)] = ""
     base: Annotated[str, Field(max_length=400)]
-    set: dict[str, Any] = {}
-    factors: Annotated[dict[str, Any], Field(max_length=MOST_FACTORS)] = {}
-    design: dict[str, Any] = {"kind": "grid"}
-    methods: Annotated[dict[Name, Any], Field(min_length=1, max_length=MOST_METHODS)] = {"default": {}}
+    set: dict[str, Any] = Field(default={})
+    factors: dict[str, Any] = Field(default={}, max_length=MOST_FACTORS)
+    design: dict[str, Any] = Field(default={"kind": "grid"})
+    methods: dict[Name, Any] = Field(default={"default": {}}, min_length=1, max_length=MOST_METHODS)
     record: Annotated[tuple[str, ...], Field(min_length=1)] = tuple(MEANINGS)
     time_limit_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
     memory_limit_mb: Annotated[int, Field(ge=64)] | None = None

@@ -1,0 +1,45 @@
+"""Runs that cost nothing and misbehave on demand, for tests of the engine."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+
+def maker(recipe: dict[str, Any]):
+    """A run is told by its first value what to do; it leaves a line in the file that STANDIN_LOG names."""
+    log = os.environ.get("STANDIN_LOG")
+    pause_s = float(os.environ.get("STANDIN_PAUSE_S", "0"))
+
+    def make(job: dict[str, Any]):
+        if log:
+            with Path(log).open("a") as said:
+                said.write(f"{job['key']} {os.getpid()}\n")
+        act(job["values"][0] if job["values"] else 0)
+        time.sleep(pause_s)
+        n = float(int(job["key"][:8], 16))
+        return [n / (k + 3) for k in range(len(recipe["record"]))], [[1.0, 2.0, 3.0, n, 5.0, 6.0]]
+
+    return make
+
+
+def act(what: Any) -> None:
+    """Misbehave."""
+    if what == -1:
+        raise RuntimeError("it broke\nin two lines")
+    if what == -2:
+        time.sleep(600)
+    if what == -3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if what == -4:
+        hog = [bytearray(50_000_000) for _ in range(10_000)]
+        raise AssertionError(len(hog))
+    if what == -5:
+        raise OSError(28, "No space left on device")
+    if what == -6:
+        print("noise on stdout " * 10_000, flush=True)
+    if what == -7:
+        os._exit(3)
