@@ -15,7 +15,7 @@ from ruamel.yaml.representer import SafeRepresenter
 
 from scenarios.document import BadInput, Document, Keys, dotted, nearest, parse, read_file, shown, with_settings
 from scenarios.scenario import Scenario
-from sensor_model.settings import S
+from sensor_model.rig import AnySettings
 from twin.drives import AnyDrive
 from twin.features import AnyFeature
 from twin.features.base import HALF_BOX_ARC, HALF_BOX_Z, Feature
@@ -139,7 +139,7 @@ def fault_lines(document: Document, faults: list[Fault]) -> list[str]:
     return lines
 
 
-def checked(kind: type[S], data: Any, at: Keys = ()) -> tuple[S | None, list[Fault]]:
+def checked(kind: type[AnySettings], data: Any, at: Keys = ()) -> tuple[AnySettings | None, list[Fault]]:
     """Settings of any kind out of a file's data, or else what is wrong with them; `at` is where they stand in it."""
     data = _frozen(data)
     try:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from scenarios.study.child import Child, FalseStart
 from scenarios.study.ledger import Job, Outcome
@@ -21,6 +21,7 @@ Event = Started | Outcome | None
 """Keys of runs just handed out, or what became of one; None now and then, while nothing happens."""
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Makes runs in any order, and says what happens as it happens."""
 

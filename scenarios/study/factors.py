@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +16,7 @@ DIGITS = 9  # of a drawn value: the last bits of an inverse distribution differ 
 MOST_LEVELS = 10_000
 
 
+@runtime_checkable
 class Factor(Protocol):
     """Values that one setting takes in a study."""
 

@@ -1,0 +1,87 @@
+"""Small studies: one whose runs cost nothing and do as they are told, and one of real short scans."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from scenarios.study.conduct import How, conduct, opened
+from scenarios.study.export import export
+
+ROOT = Path(__file__).resolve().parents[3]
+STAND_IN = """\
+name: stand-in
+base: paper-gantry
+set: {sensing.fidelity: points}
+factors:
+  pipe.features.0.depth_mm: [1, 2, 3]
+  sensing.points.pixel_noise_px: {low: 0.1, high: 0.4, steps: 2}
+design: {kind: grid, seeds: 4}
+methods:
+  default: {}
+  coarse: {map.cell_z_mm: 5}
+"""
+SCAN = """\
+name: scan
+base: paper-gantry
+set:
+  sensing.fidelity: points
+  sensing.frame_rate_hz: 5
+  sensing.points.azimuths: 180
+  pipe.end_mm: 500
+  pipe.features: [{kind: pocket, distance_mm: 150, clock_deg: 120, length_mm: 40, width_mm: 30, depth_mm: 5}]
+  drive.stages: [{to_mm: 100}]
+  method.map.cell_z_mm: 4
+factors:
+  sensing.points.pixel_noise_px: {distribution: log-uniform, low: 0.1, high: 1}
+design: {kind: latin-hypercube, points: 2}
+methods:
+  default: {}
+  deep: {sizing.threshold.min_depth_mm: 2}
+"""
+
+
+@pytest.fixture(autouse=True)
+def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache of its own for every test, and the stand-in where workers find it."""
+    monkeypatch.setenv("PIPETWIN_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "campaigns"), os.environ.get("PYTHONPATH", "")]))
+
+
+@dataclass(frozen=True)
+class Lab:
+    """Writes studies, runs them here, and reads what they leave."""
+
+    folder: Path
+    stand_in: str = STAND_IN
+    scan: str = SCAN
+
+    def write(self, *replace: tuple[str, str], text: str = STAND_IN, name: str = "study.yaml") -> Path:
+        for old, new in replace:
+            assert old in text
+            text = text.replace(old, new)
+        (self.folder / name).write_text(text)
+        return self.folder / name
+
+    def run(self, file: Path, out: str, workers: int = 1, make: str = "standin:maker", **how: object) -> dict[str, int]:
+        counts, _ = self.run_saying(file, out, workers, make, **how)
+        return counts
+
+    def run_saying(
+        self, file: Path, out: str, workers: int = 1, make: str = "standin:maker", **how: object
+    ) -> tuple[dict[str, int], list[str]]:
+        said: list[str] = []
+        _, counts = conduct(file, self.folder / out, How(workers, make=make, **how), lambda *_: None, said.append)
+        return counts, said
+
+    def exported(self, out: str, to: str = "csv") -> list[bytes]:
+        with opened(self.folder / out) as ledger:
+            return [file.read_bytes() for file in export(ledger, self.folder / out, to)]
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Lab:
+    return Lab(tmp_path)
