@@ -12,13 +12,14 @@ from typing import Any
 def maker(recipe: dict[str, Any]):
     """A run is told by its first value what to do; it leaves a line in the file that STANDIN_LOG names."""
     log = os.environ.get("STANDIN_LOG")
+    told = int(os.environ.get("STANDIN_ACT", "0"))
     pause_s = float(os.environ.get("STANDIN_PAUSE_S", "0"))
 
     def make(job: dict[str, Any]):
         if log:
             with Path(log).open("a") as said:
                 said.write(f"{job['key']} {os.getpid()}\n")
-        act(job["values"][0] if job["values"] else 0)
+        act(told or (job["values"][0] if job["values"] else 0))
         time.sleep(pause_s)
         n = float(int(job["key"][:8], 16))
         return [n / (k + 3) for k in range(len(recipe["record"]))], [[1.0, 2.0, 3.0, n, 5.0, 6.0]]

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scenarios.document import BadInput
-from scenarios.study.plan import canonical
+from scenarios.study.plain import canonical
 
 STAGES = ("drive", "recording", "slits", "map")
 GB = 1e9

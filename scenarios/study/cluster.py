@@ -92,6 +92,12 @@ def _connected(address: str) -> Any:
         raise BadInput([f"--dask {address}: no scheduler answers there within {CONNECT_S:g} s"]) from error
 
 
+def _plugin(name: str, setup: dict[str, Any], time_limit_s: float) -> Any:
+    from scenarios.study.dask_plugin import Recipe
+
+    return Recipe(name, setup, time_limit_s)
+
+
 class _lost_said:  # noqa: N801  used as a verb
     """Dask's errors while setting up, in words."""
 
@@ -106,28 +112,6 @@ class _lost_said:  # noqa: N801  used as a verb
             raise WorkersFail(f"{self.address}: no worker has joined the scheduler within {FIRST_WORKER_S:g} s")
         if isinstance(error, OSError):
             raise WorkersFail(f"{self.address}: the scheduler went away: {error}")
-
-
-def _plugin(name: str, setup: dict[str, Any], time_limit_s: float) -> Any:
-    """What gives every worker, also one that joins later, all it needs once and not with every task."""
-    from distributed import WorkerPlugin
-
-    class Recipe(WorkerPlugin):
-        name: str
-
-        def setup(self, worker: Any) -> None:  # noqa: ARG002  Dask's signature
-            from scenarios.study import cluster
-
-            cluster.learn(name, setup, time_limit_s)
-
-        def teardown(self, worker: Any) -> None:  # noqa: ARG002  Dask's signature
-            from scenarios.study import cluster
-
-            cluster.forget(name)
-
-    plugin = Recipe()
-    plugin.name = name
-    return plugin
 
 
 def _done(answers: queue.Queue) -> Iterator[Any]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from scenarios.document import BadInput
-from scenarios.study.plan import PlannedRun, canonical
+from scenarios.study.plain import canonical
 
 FILE, LOCK = "ledger.sqlite", "lock"
 PLANNED, RUNNING, DONE, FAILED = range(4)
@@ -50,6 +50,17 @@ PRAGMA user_version = {FORMAT};
 
 class LedgerFailed(RuntimeError):
     """The ledger cannot be written on; the message says why, and what is kept."""
+
+
+class PlannedRun(NamedTuple):
+    """One run before it is made; `fault` says why its values cannot be a scenario."""
+
+    key: str
+    point: int
+    method: str
+    seed: int
+    values: tuple[Any, ...]
+    fault: str = ""
 
 
 class Job(NamedTuple):

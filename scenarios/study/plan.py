@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
-from typing import Any, NamedTuple
+from typing import Any
 
 from scenarios.document import BadInput, Document, put, shown
 from scenarios.load import to_scenario
 from scenarios.scenario import Scenario
 from scenarios.study.design import points
+from scenarios.study.ledger import PlannedRun
+from scenarios.study.plain import canonical
 from scenarios.study.study import Study
 
 KEY_DIGITS = 32
 WITHOUT_EFFECT = {"name", "why"}
-
-
-class PlannedRun(NamedTuple):
-    """One run before it is made; `fault` says why its values cannot be a scenario."""
-
-    key: str
-    point: int
-    method: str
-    seed: int
-    values: tuple[Any, ...]
-    fault: str = ""
 
 
 @dataclass(frozen=True)
@@ -84,17 +75,6 @@ def _scenario_text(recipe: Recipe, values: tuple[Any, ...], method: str, seed: i
 
 def _key(scenario: str, seed: int, code: str) -> str:
     return sha256(f"{code}\n{seed}\n{scenario}".encode()).hexdigest()[:KEY_DIGITS]
-
-
-def canonical(value: Any) -> str:
-    """Plain data as text, the same for the same data."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=_as_plain)
-
-
-def _as_plain(value: Any) -> Any:
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    return value.model_dump(mode="json")
 
 
 def identity(study: Study, code: str) -> dict[str, Any]:
