@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from scenarios.study.ledger import STATES, Ledger
+from scenarios.study.ledger import DONE, STATES, Ledger
 
 MOST_LEVELS = 8
 BINS = 6
@@ -70,24 +70,26 @@ def gather(ledger: Ledger) -> Gathered:
     """Read all that is done."""
     identity = ledger.about("identity")
     methods, paths, names = tuple(ledger.about("methods")), tuple(identity["paths"]), tuple(identity["record"])
-    done = [row for row in ledger.rows(by_key=False) if row.state == STATES[2]]
-    number = {name: i for i, name in enumerate(methods)}
+    counts, number = ledger.counts(), {name: i for i, name in enumerate(methods)}
+    n = counts["done"]
+    figures = np.full((n, len(names)), np.nan)
+    method, pair = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    values: dict[str, list[Any]] = {path: [] for path in paths}
     pairs: dict[tuple[int, int], int] = {}
-    nan = float("nan")
-    figures = [[nan if v is None else float(v) for v in row.figures] for row in done]
-    sizes = [(number[row.method], defect) for row in done for defect in row.defects]
-    return Gathered(
-        methods,
-        paths,
-        names,
-        ledger.counts(),
-        np.array([number[row.method] for row in done], dtype=np.int64),
-        np.array([pairs.setdefault((row.point, row.seed), len(pairs)) for row in done], dtype=np.int64),
-        {path: [row.values[k] for row in done] for k, path in enumerate(paths)},
-        np.array(figures, dtype=float).reshape(-1, len(names)),
-        np.array([defect for _, defect in sizes], dtype=float).reshape(-1, 6),
-        np.array([method for method, _ in sizes], dtype=np.int64),
-    )
+    sizes: list[list[float]] = []
+    measured_by: list[int] = []
+    # row by row into arrays: a million rows as Python's numbers would take gigabytes
+    done = (row for row in ledger.rows(by_key=False) if row.state == STATES[DONE])
+    for i, row in enumerate(done):
+        figures[i] = [np.nan if value is None else value for value in row.figures]
+        method[i], pair[i] = number[row.method], pairs.setdefault((row.point, row.seed), len(pairs))
+        for path, value in zip(paths, row.values, strict=True):
+            values[path].append(value)
+        sizes += row.defects
+        measured_by += [number[row.method]] * len(row.defects)
+    defects = np.array(sizes, dtype=float).reshape(-1, 6)
+    by = np.array(measured_by, dtype=np.int64)
+    return Gathered(methods, paths, names, counts, method, pair, values, figures, defects, by)
 
 
 def mean_of(values: Float[np.ndarray, "n"]) -> Mean:

@@ -56,8 +56,9 @@ def _page(ledger: Ledger, counts: dict[str, int], sections: dict[str, str], runn
 </header>
 <main>
 {body}</main>
-<footer>Simulated scans: the measurement never saw the truth it is compared with. Intervals are 95 %, Student's; runs
-of one point and seed share all random draws, so that differences between methods are paired.</footer>
+<footer>Simulated scans: the measurement never saw the truth it is compared with. Intervals are 95 %, Student's, as if
+all runs were independent. Methods measure the same recordings, so that differences between them are paired; runs of one
+seed share their draws over the factors' values too.</footer>
 </body>
 </html>
 """

@@ -33,7 +33,8 @@ def main() -> None:
     if os.getppid() != parent:
         return  # it died before the kernel was asked to tell
     _first_to_go()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
+    for stop in (signal.SIGINT, signal.SIGTERM):  # to a whole group; they are the parent's to answer
+        signal.signal(stop, signal.SIG_IGN)
     serve(sys.stdin, answers)
 
 
