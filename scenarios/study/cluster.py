@@ -52,8 +52,9 @@ class Cluster:
                 client.register_plugin(_plugin(self.name, self.setup, self.time_limit_s))
             yield from self._hand_out(client, groups(jobs))
         finally:
-            with suppress(Exception):  # the cluster may be gone; what we leave there ends with its workers
-                client.unregister_worker_plugin(self.name)
+            if client.status == "running":  # what we leave on a cluster that is gone ends with its workers
+                with suppress(Exception):
+                    client.unregister_worker_plugin(self.name)
             with suppress(Exception):
                 client.close(timeout=2)
 

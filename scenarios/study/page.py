@@ -22,7 +22,7 @@ LONGEST_VALUE = 40
 def write_page(ledger: Ledger, file: Path, running: bool = False) -> None:
     """Write the page; while the study runs only how far it is and what has failed, which takes no time."""
     counts = ledger.counts()
-    sections = {"Failures": failures(ledger, counts["failed"]), "Progress": progress(ledger, counts)}
+    sections = {"Failures": failures(ledger, counts["failed"]), "Progress": progress(ledger, counts, running)}
     if not running and counts["done"]:
         sections |= _findings(ledger)
     with whole_file(file) as work:
@@ -83,7 +83,7 @@ def _failure(row: Row) -> list[str]:
     return [row.key[:12], row.method, str(row.seed), *values, row.cause or "", row.error or ""]
 
 
-def progress(ledger: Ledger, counts: dict[str, int]) -> str:
+def progress(ledger: Ledger, counts: dict[str, int], running: bool) -> str:
     """Runs by state, rate, and time left."""
     total, finished = sum(counts.values()), counts["done"] + counts["failed"]
     facts = {"runs": f"{total}", **{name: f"{n}" for name, n in counts.items()}}
@@ -95,7 +95,8 @@ def progress(ledger: Ledger, counts: dict[str, int]) -> str:
         facts["rate"] = f"{rate:.3g} runs/s"
         if finished < total:
             facts["time left"] = f"{(total - finished) / rate / 60:.3g} min"
-    facts["worker time"] = f"{ledger.seconds():.3g} s"
+    if not running:  # it takes a look at every row
+        facts["worker time"] = f"{ledger.seconds():.3g} s"
     return "<dl>" + "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts.items()) + "</dl>"
 
 

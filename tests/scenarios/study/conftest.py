@@ -106,6 +106,14 @@ def lone_scheduler(tmp_path: Path) -> Iterator[str]:
         yield address
 
 
+@pytest.fixture
+def two_workers(lone_scheduler: str, tmp_path: Path) -> Iterator[list[subprocess.Popen]]:
+    """Two workers of that scheduler, to do harm to."""
+    words = _worker(lone_scheduler, tmp_path)
+    with _dask(words, tmp_path / "one.log") as one, _dask(words, tmp_path / "two.log") as two:
+        yield [one, two]
+
+
 @contextmanager
 def _scheduler(file: Path) -> Iterator[str]:
     """A scheduler of our own on loopback, as the recipe in the documentation starts it."""
@@ -124,10 +132,14 @@ def dask_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A scheduler and two worker processes."""
     folder = tmp_path_factory.mktemp("dask")
     with _scheduler(folder / "scheduler.json") as address:
-        words = ["worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--no-nanny"]
-        words += ["--local-directory", str(folder)]
+        words = _worker(address, folder)
         with _dask(words, folder / "one.log"), _dask(words, folder / "two.log"):
             yield address
+
+
+def _worker(address: str, folder: Path) -> list[str]:
+    plain = ["--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+    return ["worker", address, *plain, "--local-directory", str(folder)]
 
 
 @contextmanager

@@ -50,6 +50,43 @@ def test_on_dask_too_a_lost_process_costs_its_one_run(lab, dask_cluster):
         assert {row.cause for row in ledger.failures(20)} == {"raised", "killed"}
 
 
+def test_when_a_dask_worker_dies_its_runs_go_to_another(lab, expected, lone_scheduler, two_workers, monkeypatch):
+    finished = Ledger.finished
+
+    def kill_in_between(ledger, outcomes):
+        if ledger.counts()["done"] == 10:
+            two_workers[0].kill()
+        finished(ledger, outcomes)
+
+    monkeypatch.setattr(Ledger, "finished", kill_in_between)
+    assert lab.run(lab.write(), "dask", dask=lone_scheduler)["done"] == RUNS
+    assert lab.exported("dask") == expected
+    assert two_workers[0].poll() is not None
+
+
+def test_a_scheduler_that_goes_away_stops_the_study_which_goes_on_after(lab, expected, lone_scheduler, two_workers):
+    from scenarios.study import cluster
+
+    file = lab.write()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cluster, "LOOK_S", 0.1)
+        finished = Ledger.finished
+
+        def lose_the_scheduler(ledger, outcomes):
+            finished(ledger, outcomes)
+            if ledger.counts()["done"] == 10:
+                from distributed import Client
+
+                with Client(lone_scheduler, set_as_default=False) as client:
+                    client.shutdown()
+
+        patch.setattr(Ledger, "finished", lose_the_scheduler)
+        with pytest.raises(WorkersFail, match="goes on when it is back"):
+            lab.run(file, "dask", dask=lone_scheduler)
+    assert lab.run(file, "dask")["done"] == RUNS
+    assert lab.exported("dask") == expected
+
+
 def test_a_study_that_was_stopped_goes_on(lab, expected, monkeypatch):
     stopped = _Stop(after=20)
     with monkeypatch.context() as patch:
