@@ -27,6 +27,23 @@ def maker(recipe: dict[str, Any]):
     return make
 
 
+def tunable(recipe: dict[str, Any]):
+    """A scan whose depth error is least at x = 2, where a false call begins to appear; x is the last value."""
+
+    def make(job: dict[str, Any]):
+        x, noise = float(job["values"][-1]), (job["seed"] * 7919 % 100) / 1000
+        known = {
+            "defects_true": 2,
+            "defects_found": 2,
+            "false_calls": int(x > 2.5),
+            "depth_error_mm_max": 0.1 + (x - 2) ** 2 + noise,
+            "ms_per_frame": 10 - x,
+        }
+        return [known.get(name) for name in recipe["record"]], []
+
+    return make
+
+
 def act(what: Any) -> None:
     """Misbehave."""
     if what == -1:

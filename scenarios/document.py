@@ -285,6 +285,16 @@ def with_values(document: Document, values: Sequence[tuple[str, Any, str]]) -> D
     return Document(document.source, data, places, key_places, document.faults)
 
 
+def with_part(document: Document, key: str, part: Document) -> Document:
+    """The document with another one as the value of a key; its values keep their own places."""
+    laid = with_values(document, [(key, part.data, part.source)])
+    values, keys = (
+        {**old, **{(key, *below): place for below, place in new.items()}}
+        for old, new in ((laid.value_places, part.value_places), (laid.key_places, part.key_places))
+    )
+    return Document(document.source, laid.data, values, keys, (*document.faults, *part.faults))
+
+
 def _keys_below(value: Any) -> Iterator[Keys]:
     """The keys of a value itself, and of all within it."""
     yield ()

@@ -13,7 +13,18 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.representer import SafeRepresenter
 
-from scenarios.document import BadInput, Document, Keys, dotted, nearest, parse, read_file, shown, with_settings
+from scenarios.document import (
+    BadInput,
+    Document,
+    Keys,
+    dotted,
+    nearest,
+    parse,
+    read_file,
+    shown,
+    with_part,
+    with_settings,
+)
 from scenarios.scenario import Scenario
 from sensor_model.rig import AnySettings
 from twin.drives import AnyDrive
@@ -77,13 +88,18 @@ def library() -> dict[str, Path]:
     return {path.stem: path for path in sorted(LIBRARY.glob("*.yaml"))}
 
 
-def load_scenario(name_or_path: str, changes: Sequence[str] = (), seed: int | None = None) -> Scenario:
-    """Read a scenario, with `path.to.field=value` changes and another seed laid over it.
+def load_scenario(
+    name_or_path: str, changes: Sequence[str] = (), seed: int | None = None, method: Path | None = None
+) -> Scenario:
+    """Read a scenario, with another method, `path.to.field=value` changes and another seed laid over it, in this order.
 
     Raises:
         BadInput: with a line for every fault, `file:line:column: field.path: got VALUE; what is allowed`.
     """
-    document = with_settings(read_scenario_file(name_or_path), changes)
+    document = read_scenario_file(name_or_path)
+    if method is not None:
+        document = with_part(document, "method", read_file(method, kind="method"))
+    document = with_settings(document, changes)
     if seed is not None:
         document = with_settings(document, [f"seed={seed}"], flag="--seed")
     return to_scenario(document)
@@ -151,12 +167,17 @@ def checked(kind: type[AnySettings], data: Any, at: Keys = ()) -> tuple[AnySetti
 
 def scenario_yaml(scenario: Scenario) -> str:
     """The scenario with every setting written out, as YAML that reads back to the same scenario."""
+    return settings_yaml(scenario)
+
+
+def settings_yaml(settings: BaseModel) -> str:
+    """Settings of any kind written out, as YAML that reads back to the same."""
     yaml = YAML(typ="safe", pure=True)
     yaml.Representer = _ShortLists
     yaml.default_flow_style, yaml.width = False, 110
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # its None is a default
     text = StringIO()
-    yaml.dump(scenario.model_dump(mode="json"), text)
+    yaml.dump(settings.model_dump(mode="json"), text)
     return text.getvalue()
 
 

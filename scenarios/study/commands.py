@@ -1,4 +1,4 @@
-"""The commands `study`, `status`, `export` and `cache`: each parses, calls one function and prints."""
+"""The commands `study`, `tune`, `status`, `export` and `cache`: each parses, calls one function and prints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
-    for command in (study, status, export, cache):
+    for command in (study, tune, status, export, cache):
         app.command()(command)
 
 
@@ -55,6 +55,40 @@ def study(
     if counts["failed"]:
         say(f"{counts['failed']} runs failed; `pipetwin status {folder}` names them")
         raise typer.Exit(FAILED)
+
+
+def tune(
+    file: Annotated[Path, typer.Argument(metavar="TUNE", help="A tuning file (YAML).")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder.  [default: tunings/NAME]")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
+    ] = None,
+    storage: Annotated[
+        str | None, typer.Option("--storage", metavar="URL", help="Optuna's database.  [default: SQLite in DIR]")
+    ] = None,
+) -> None:
+    """Search settings on some scans, and judge the winner on others that the search never saw."""
+    from scenarios.study.tune import tune as run_tuning
+
+    jobs = jobs or len(os.sched_getaffinity(0))
+    from scenarios.progress import Progress
+
+    progress = Progress()
+
+    def say(line: str) -> None:
+        progress.close()
+        print(line, file=sys.stderr)
+
+    try:
+        tuned = run_tuning(file, out, jobs, progress, say, storage)
+    finally:
+        progress.close()
+    for verdict in tuned.verdicts:
+        print(f"hold-out, {verdict.fidelity}: {verdict.words}")
+    print(f"method: {tuned.folder / 'method.yaml'}")
+    print(f"page: {tuned.folder / 'tuning.html'}")
 
 
 def status(folder: StudyFolder, as_json: AsJson = False) -> None:

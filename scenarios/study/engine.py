@@ -45,8 +45,16 @@ class Processes:
     joblib would take fewer lines, but it gives up the whole pool, and all runs in it, when one worker is killed.
     """
 
-    def __init__(self, setup: dict[str, Any], workers: int, time_limit_s: float, log: Path | None = None) -> None:
-        self.setup, self.workers, self.time_limit_s, self.log = setup, workers, time_limit_s, log
+    def __init__(
+        self, setup: dict[str, Any], workers: int, time_limit_s: float, log: Path | None = None, keep: bool = False
+    ) -> None:
+        self.setup, self.workers, self.time_limit_s, self.log, self.keep = setup, workers, time_limit_s, log, keep
+        self.children: dict[int, Child] = {}
+
+    def close(self) -> None:
+        """End the workers that were kept for further jobs."""
+        while self.children:
+            self.children.popitem()[1].kill()
 
     def events(self, jobs: Iterable[Job]) -> Iterator[Event]:
         """Hand out jobs; those that share a recording go to one worker, one after the other.
@@ -56,8 +64,7 @@ class Processes:
         """
         waiting = groups(jobs)
         mine: list[deque[Job]] = [deque() for _ in range(self.workers)]
-        children: dict[int, Child] = {}
-        false_starts = 0
+        children, false_starts, idle = self.children, 0, False
         try:
             while True:
                 for i in range(self.workers):
@@ -72,6 +79,7 @@ class Processes:
                         child.send(as_line(job))
                         yield [job.key]
                 if not (busy := {i: child for i, child in children.items() if child.busy}):
+                    idle = True
                     return
                 for i in _speaking(busy):
                     try:
@@ -87,8 +95,8 @@ class Processes:
                         yield outcome
                 yield None
         finally:
-            for child in children.values():
-                child.kill()
+            if not (self.keep and idle):
+                self.close()
 
 
 def _next(mine: list[deque[Job]], i: int, waiting: Iterator[list[Job]]) -> Job | None:

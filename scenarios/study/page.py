@@ -30,13 +30,21 @@ def write_page(ledger: Ledger, file: Path, running: bool = False) -> None:
 
 
 def _page(ledger: Ledger, counts: dict[str, int], sections: dict[str, str], running: bool) -> str:
-    name, why = escape(str(ledger.about("name"))), escape(str(ledger.about("why") or ""))
     total = sum(counts.values())
     state = "Running: " if running else "" if counts["done"] + counts["failed"] == total else "Stopped: "
     verdict = f"{state}{counts['done']} of {total} runs done, {counts['failed']} failed."
     clean = not counts["failed"] and counts["done"] == total
-    refresh = f'<meta http-equiv="refresh" content="{REFRESH_S}">\n' if running else ""
-    body = "".join(f"<section><h2>{escape(title)}</h2>{inside}</section>\n" for title, inside in sections.items())
+    refresh_s = REFRESH_S if running else None
+    title, lead = f"Study: {ledger.about('name')}", str(ledger.about("why") or "")
+    return html_page(title, lead, verdict, clean, sections, refresh_s)
+
+
+def html_page(
+    title: str, lead: str, verdict: str, clean: bool, sections: dict[str, str], refresh_s: int | None = None
+) -> str:
+    """A page in the report's style; the sections are HTML, all else is text."""
+    refresh = f'<meta http-equiv="refresh" content="{refresh_s}">\n' if refresh_s else ""
+    body = "".join(f"<section><h2>{escape(name)}</h2>{inside}</section>\n" for name, inside in sections.items())
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -44,15 +52,15 @@ def _page(ledger: Ledger, counts: dict[str, int], sections: dict[str, str], runn
 <meta name="viewport" content="width=device-width, initial-scale=1">
 {refresh}<meta http-equiv="Content-Security-Policy"
  content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>{name}: study</title>
+<title>{escape(title)}</title>
 <style>
 {STYLE.read_text(encoding="utf-8")}</style>
 </head>
 <body>
 <header>
-<h1>Study: {name}</h1>
-<p class="lead">{why}</p>
-<p class="verdict {"clean" if clean else "faulty"}">{verdict}</p>
+<h1>{escape(title)}</h1>
+<p class="lead">{escape(lead)}</p>
+<p class="verdict {"clean" if clean else "faulty"}">{escape(verdict)}</p>
 </header>
 <main>
 {body}</main>
@@ -72,8 +80,8 @@ def failures(ledger: Ledger, count: int) -> str:
     if not count:
         return "<p>None.</p>"
     paths = list(ledger.about("identity")["paths"])
-    head = _row("th", ["key", "method", "seed", *paths, "cause", "error"])
-    rows = "".join(_row("td", _failure(row)) for row in ledger.failures(MOST_FAILURES))
+    head = cells("th", ["key", "method", "seed", *paths, "cause", "error"])
+    rows = "".join(cells("td", _failure(row)) for row in ledger.failures(MOST_FAILURES))
     more = f"<p>{count - MOST_FAILURES} more are in the ledger.</p>" if count > MOST_FAILURES else ""
     return f'<div class="scroll" tabindex="0"><table><thead>{head}</thead><tbody>{rows}</tbody></table></div>{more}'
 
@@ -117,48 +125,53 @@ def _findings(ledger: Ledger) -> dict[str, str]:
 
 def methods_table(found: Gathered) -> str:
     """Every recorded figure by method: mean, interval, n."""
-    head = _row("th", ["figure", *found.methods])
+    every = [found.method == k for k in range(len(found.methods))]
+    head = cells("th", ["figure", *found.methods])
     rows = "".join(
-        _row("td", [name, *(_mean(mean_of(found.column(name)[found.method == k])) for k in range(len(found.methods)))])
-        for name in found.names
+        cells("td", [name, *(mean_text(mean_of(found.column(name)[own])) for own in every)]) for name in found.names
     )
-    return _table(head, rows, "Mean ± half the width of its 95 % interval, and of how many runs.")
+    return table(head, rows, "Mean ± half the width of its 95 % interval, and of how many runs.")
 
 
 def paired_table(found: Gathered) -> str:
     """Differences of each further method from the first, scan by scan."""
     others = range(1, len(found.methods))
-    head = _row("th", ["figure", *(f"{found.methods[k]} − {found.methods[0]}" for k in others)])
-    rows = "".join(_row("td", [name, *(_mean(paired(found, name, k)) for k in others)]) for name in found.names)
-    return _table(head, rows, "Mean difference over the scans that both methods measured, n scans.")
+    head = cells("th", ["figure", *(f"{found.methods[k]} − {found.methods[0]}" for k in others)])
+    rows = "".join(cells("td", [name, *(mean_text(paired(found, name, k)) for k in others)]) for name in found.names)
+    return table(head, rows, "Mean difference over the scans that both methods measured, n scans.")
 
 
 def factor_table(found: Gathered, path: str) -> str:
     """The leading figures by the factor's level and by method."""
-    head = _row("th", [path, "method", *found.leading])
+    head = cells("th", [path, "method", *found.leading])
     rows = ""
     for level in levels(found, path):
         for k, method in enumerate(found.methods):
             own = level.runs & (found.method == k)
-            rows += _row("td", [level.name, method, *(_mean(mean_of(found.column(n)[own])) for n in found.leading)])
-    return _table(head, rows, "Mean ± half the width of its 95 % interval, and of how many runs.")
+            rows += cells(
+                "td", [level.name, method, *(mean_text(mean_of(found.column(n)[own])) for n in found.leading)]
+            )
+    return table(head, rows, "Mean ± half the width of its 95 % interval, and of how many runs.")
 
 
-def _mean(value: Mean) -> str:
+def mean_text(value: Mean) -> str:
+    """A mean with its interval and its n."""
     if not isfinite(value.mean):
         return f"n/a (n = {value.n})"
     half = "" if value.half is None else f" ± {value.half:.2g}"
     return f"{value.mean:.4g}{half} (n = {value.n})".replace("-", "−")
 
 
-def _table(head: str, rows: str, caption: str) -> str:
+def table(head: str, rows: str, caption: str) -> str:
+    """A table with its caption."""
     return (
         f'<div class="scroll" tabindex="0"><table><caption>{escape(caption)}</caption><thead>{head}</thead>'
         f"<tbody>{rows}</tbody></table></div>"
     )
 
 
-def _row(cell: str, texts: list[str]) -> str:
+def cells(cell: str, texts: list[str]) -> str:
+    """One row of a table, its texts escaped."""
     scope = ' scope="col"' if cell == "th" else ""
     return "<tr>" + "".join(f"<{cell}{scope}>{escape(text)}</{cell}>" for text in texts) + "</tr>"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -25,6 +26,7 @@ from twin.simulate import simulate
 from twin.truth import ARRAYS, Truth
 
 SIZES = ("length_mm", "width_mm", "depth_mm")
+MS_PER_FRAME = "ms_per_frame"
 TALLIED = ("radius_mm", "radius_wall_mm", "center_mm", "center_wall_mm", "normal")
 
 Figures = list[float | int | None]
@@ -42,20 +44,23 @@ def maker(recipe: dict[str, Any]) -> Callable[[dict[str, Any]], tuple[Figures, P
 
     def make(job: dict[str, Any]) -> tuple[Figures, Pairs]:
         scenario = known.scenario(job["values"], job["method"], job["seed"])
-        every, pairs = scan(scenario, cache)
-        return [every[name] for name in known.record], pairs
+        every, pairs, ms = scan(scenario, cache)
+        return [ms if name == MS_PER_FRAME else every[name] for name in known.record], pairs
 
     return make
 
 
-def scan(scenario: Scenario, cache: Cache) -> tuple[dict[str, Any], Pairs]:
-    """The score of one scenario, and its matched defects' sizes, true and measured."""
+def scan(scenario: Scenario, cache: Cache) -> tuple[dict[str, Any], Pairs, float]:
+    """The score of one scenario, its matched defects' sizes, and the processor time of a frame from slits to map, ms.
+
+    The time is that of when the map was made, be it now or by an earlier run.
+    """
     keys = stage_keys(scenario)
     truth = _truth(scenario, cache, keys["drive"])
     parts = cache.arrays("map", keys["map"], lambda: _measured(scenario, truth, cache, keys))
     path, wall, tally = _unpacked(parts, scenario, truth)
     found = sized(path, wall, scenario.rig, nominal_pipe(scenario), scenario.method)
-    return asdict(score(found, truth, tally)), _pairs(found, truth)
+    return asdict(score(found, truth, tally)), _pairs(found, truth), float(parts["ms_per_frame"][0])
 
 
 def stage_keys(scenario: Scenario) -> dict[str, str]:
@@ -85,11 +90,14 @@ def _measured(scenario: Scenario, truth: Truth, cache: Cache, keys: dict[str, st
 
     with cache.entry("recording", keys["recording"], make) as folder:
         recording = open_recording(folder)
+        start_s = time.process_time()
         state, tally = fold(scenario, truth, recording, _slit_pixels(scenario, recording, cache, keys["slits"]))
+        took_s = time.process_time() - start_s
     path, wall = mapped(state)
     parts = {f"path_{field.name}": np.asarray(getattr(path, field.name)) for field in fields(Trajectory)}
     parts |= {f"wall_{field.name}": getattr(wall, field.name) for field in fields(WallMap)}
     parts |= {f"tally_{name}": np.array(getattr(tally, name)) for name in TALLIED}
+    parts |= {MS_PER_FRAME: np.array([1000 * took_s / max(len(path.stamp_ns), 1)])}
     return {**parts, "tally_points": np.array([tally.points, tally.wrong])}
 
 

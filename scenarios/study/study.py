@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from scenarios.document import BadInput, Document, Keys, dotted, nearest, read_file, shown, with_values
+from scenarios.document import BadInput, Document, Keys, dotted, nearest, read_file, shown, with_part, with_values
 from scenarios.load import Fault, checked, fault_lines, library, to_scenario
 from scenarios.score import MEANINGS
 from scenarios.study.design import DESIGNS, Design, Grid, point_count
@@ -67,7 +67,15 @@ def load_study(path: Path) -> Study:
     Raises:
         BadInput: with a line for every fault.
     """
-    document = read_file(path, kind="study")
+    return sound_study(read_file(path, kind="study"), path)
+
+
+def sound_study(document: Document, path: Path) -> Study:
+    """The study of a document; `path` says which folder it names other files from.
+
+    Raises:
+        BadInput: with a line for every fault.
+    """
     if not isinstance(document.data, dict):
         raise BadInput([f"{document.source}: got {shown(document.data)}; a study is a mapping of keys to values"])
     file, faults = checked(StudyFile, document.data)
@@ -194,9 +202,10 @@ def _method(document: Document, base: dict, path: Path, name: str, given: Any) -
     if given is None:
         given = {}
     if isinstance(given, str):
-        loaded = read_file(path.parent / given, kind="method")
-        changes = [("method", loaded.data, f"{loaded.source}: method")]
-    elif isinstance(given, dict):
+        part = read_file(path.parent / given, kind="method")
+        laid = with_part(Document(document.source, base, {}, {}), "method", part)
+        return to_scenario(laid).model_dump(mode="json")["method"]
+    if isinstance(given, dict):
         below = {f"method.{field}": value for field, value in given.items()}
         changes = [(p, v, _place(document, (*keys, p.removeprefix("method.")), p)) for p, v in below.items()]
     else:

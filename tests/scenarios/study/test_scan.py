@@ -38,11 +38,12 @@ def test_a_run_of_a_study_scores_as_run_does(recipe, tmp_path: Path, monkeypatch
     scenario = _scenario(recipe)
     whole = run(scenario, tmp_path / "run", 1, lambda *_: None)
     cache = Cache(tmp_path / "cache", 1e9)
-    first, pairs = scan(scenario, cache)
+    first, pairs, ms = scan(scenario, cache)
     assert first == whole
     assert pairs[0][:3] == [40.0, 30.0, 5.0]
-    assert scan(scenario, cache) == (first, pairs)  # all of it out of the cache
-    assert scan(scenario, Cache(tmp_path / "none", 0.0)) == (first, pairs)
+    assert scan(scenario, cache) == (first, pairs, ms)  # all of it out of the cache
+    assert scan(scenario, Cache(tmp_path / "none", 0.0))[:2] == (first, pairs)
+    assert ms > 0
 
 
 def test_each_stage_depends_on_what_it_reads_and_on_nothing_else(recipe):
