@@ -10,6 +10,7 @@ import pytest
 from scenarios.load import BadInput, load_scenario
 from scenarios.score import MEANINGS
 from scenarios.study.study import load_study
+from scenarios.study.tune_file import load_tuning
 
 README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
 
@@ -36,6 +37,11 @@ def test_the_example_study_is_sound_and_plans_as_many_runs_as_shown(tmp_path):
     study = load_study(tmp_path / "depth.yaml")
     assert f"planning {study.planned} runs" in _block("text", "pipetwin study depth.yaml")
     assert f"done {study.planned}, failed 0" in _block("text", "pipetwin study depth.yaml")
+
+
+def test_the_example_tuning_is_sound(tmp_path):
+    (tmp_path / "sizing.yaml").write_text(_block("yaml", "hold_out:"))
+    assert load_tuning(tmp_path / "sizing.yaml").hold_out.planned == 12
 
 
 def test_the_demo_s_table_has_every_figure():

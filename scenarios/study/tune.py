@@ -345,12 +345,12 @@ def _verdict(tuning: Tuning, fidelity: str, default: Scores, winner: Scores) -> 
     means = [{name: mean_of(part[:, k]) for k, name in enumerate(names)} for part in parts]
     said = []
     for name, mean in means[2].items():
-        half = "no interval" if mean.half is None else f"± {mean.half:.3g}"
-        if mean.half is None or abs(mean.mean) <= mean.half:
-            word = "no difference beyond the noise"
-        else:
-            word = "better" if mean.mean < 0 else "WORSE"
-        said.append(f"{name}: {word} ({mean.mean:+.3g} {half}, n = {mean.n})")
+        if mean.half is None:
+            said.append(f"{name}: one scan cannot tell ({mean.mean:+.3g}, n = {mean.n})")
+            continue
+        word = "better" if mean.mean < 0 else "WORSE"
+        word = word if abs(mean.mean) > mean.half else "no difference beyond the noise"
+        said.append(f"{name}: {word} ({mean.mean:+.3g} ± {mean.half:.3g}, n = {mean.n})")
     return Verdict(fidelity, means[0], means[1], means[2], "; ".join(said))
 
 
