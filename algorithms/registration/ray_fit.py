@@ -7,11 +7,9 @@ ovality: the radius grows by o1 cos 2t + o2 sin 2t, where t is the angle in the 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numba import njit
 
 TINY = 1e-12
-CENTER, AXIS, RADIUS, OVAL = slice(0, 3), slice(3, 6), 6, slice(7, 9)
 TERMS = 20  # sums of one pass: 14 of the normal matrix, 5 of its right side, and the weights
 TRUNCATED_SHARE = 0.9535  # standard deviation of a normal distribution cut off at 2.5 of its own
 
@@ -306,11 +304,3 @@ def _trimmed(values, middle, scale):
         scale = np.sqrt(max(squares / count - shift * shift, 0.0)) / TRUNCATED_SHARE
         middle += shift
     return middle, scale
-
-
-def cylinder_array(
-    center_mm: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"], radius_mm: float
-) -> Float[np.ndarray, "9"]:
-    """A round cylinder as the core takes it, its axis pointing forward."""
-    axis = axis / np.linalg.norm(axis)
-    return np.concatenate([center_mm, axis if axis[2] >= 0 else -axis, [radius_mm, 0.0, 0.0]])

@@ -17,6 +17,7 @@ from algorithms.registration.cylinder_pose import (
     pose_of,
     without,
 )
+from algorithms.registration.from_axis import radii_information
 from algorithms.registration.fusion import covariance
 from algorithms.registration.ray_fit import (
     across,
@@ -165,6 +166,21 @@ def test_information_goes_to_the_pose_and_back_where_the_roll_is_known():
     pose = information_of_pose(H, cylinder, T)
     assert np.linalg.matrix_rank(pose / np.outer([1, 1, 1, 100, 100, 100], [1, 1, 1, 100, 100, 100])) == 4
     assert np.allclose(information_of_axis(pose, cylinder, T), H, rtol=1e-9)
+
+
+def test_the_pose_s_information_is_that_of_the_radii_written_out():
+    frame = _frame(tilt_deg=0.0, offset_mm=6.0, noise_mm=0.0)
+    T, H, g = frame.T_pipe_camera, np.empty((5, 5)), np.empty(5)
+    points = replace(frame.points, sigma_mm=np.full(3000, 0.3))
+    cylinder = axis_of(T, 110.0, 76.2)
+    normal_matrix(_packed(points), cylinder, 1e9, H, g)
+    facing = points.direction @ T[:3, :3].T
+    wall = points.xyz_mm @ T[:3, :3].T + T[:3, 3]
+    across = np.abs(np.sum(facing[:, :2] * wall[:, :2], axis=1)) / np.hypot(wall[:, 0], wall[:, 1])
+    ours = information_of_pose(without(H, 4, 5), cylinder, T)
+    plain = radii_information(points.xyz_mm, 0.3 * across, T)
+    scale = np.sqrt(np.abs(np.diag(plain)) + 1e-9)
+    assert np.allclose(ours / np.outer(scale, scale), plain / np.outer(scale, scale), atol=1e-6)
 
 
 def test_what_is_estimated_too_is_taken_off():
