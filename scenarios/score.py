@@ -217,7 +217,7 @@ def _defects(found: Reconstruction, pipe: Pipe) -> dict:
         "depth_error_mm_max": _worst(list(error[:, 2])),
         "depth_bias_mm": float(error[:, 2].mean()) if rows else None,
         "eq29_err_pct_max": _worst([err_pct(m[0], m[1], t[0], t[1]) for m, t in zip(measured, true, strict=True)]),
-        "eq29_oracle_err_pct_max": _worst([oracle_err_pct(pipe, feature, found) for _, _, feature in rows]),
+        "eq29_oracle_err_pct_max": _worst(oracle_err_pct(pipe, [feature for _, _, feature in rows], found)),
         "eq30_error_pct_max": _worst([error_pct(m, t) for m, t in zip(measured, true, strict=True)]),
         "eq32_quality_pct": depth_quality_pct(measured[:, 2], true[:, 2]) if rows else None,
         "clock_spread_deg": _clock_spread_deg(rows),
