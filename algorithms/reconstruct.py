@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numba import njit
 
 from algorithms.decode import decode
 from algorithms.localisation.odometry import Odometry, advance, launch, predict, settle
@@ -18,6 +19,7 @@ from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall, WallMap
 from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall
+from sensor_model.geometry import fast_arctan2
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
 
@@ -89,10 +91,20 @@ def register(state: State, frame: Frame, points: RingPoints) -> Alignment:
 
 def decode_yield(points: RingPoints, state: State) -> float:
     """Share of all (slit, azimuth) places of the picture in which a slit was seen."""
-    camera, azimuths = state.rig.camera, state.method.decode.azimuths
-    turn = np.arctan2(points.pixel[:, 0] - camera.cx_px, camera.cy_px - points.pixel[:, 1]) / (2 * np.pi)
-    seen = np.zeros((len(state.rig.projector.slits), azimuths), dtype=bool)
-    seen[points.ring, np.rint(turn * azimuths).astype(np.int64) % azimuths] = True
+    camera, slits = state.rig.camera, len(state.rig.projector.slits)
+    return share_of_places(points.pixel, points.ring, (camera.cx_px, camera.cy_px), slits, state.method.decode.azimuths)
+
+
+@njit(cache=True, error_model="numpy")
+def share_of_places(pixel, slit, middle_px, slits, azimuths):
+    """Share of all places, each a slit's and the azimuth around a middle nearest to a pixel, that were seen."""
+    around, seen = np.empty(slit.size), np.zeros((slits, azimuths), dtype=np.bool_)
+    for i in range(slit.size):
+        turn = fast_arctan2(pixel[i, 0] - middle_px[0], middle_px[1] - pixel[i, 1]) / (2 * np.pi)
+        around[i] = np.rint(turn * azimuths)
+    for i in range(slit.size):
+        place = int(around[i])
+        seen[slit[i], place + azimuths if place < 0 else place] = True
     return np.count_nonzero(seen) / seen.size
 
 

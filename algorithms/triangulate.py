@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from algorithms.types import RingPoints
-from sensor_model.geometry import rays_and_angles
+from sensor_model.geometry import lens_of, rays_and_angles
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 
@@ -23,21 +23,22 @@ def triangulate(seen: SlitPixels, rig: Rig) -> RingPoints:
     axis = tuple(projector.T_camera_projector[:3, 2].tolist())
     cosines = np.cos(projector.slit_half_angles_rad)
     rays, angles = rays_and_angles(seen.pixel, intrinsics)
-    ranges, slides = _on_cones(seen.pixel, seen.slit, rays, angles, intrinsics, projector.apex_mm, axis, cosines)
-    return RingPoints(*_points(seen.pixel, seen.slit, seen.sigma_px, rays, ranges, slides, projector.apex_mm))
+    ends = _on_cones(seen.pixel, cosines[seen.slit] ** 2, rays, angles, intrinsics, projector.apex_mm, axis)
+    return RingPoints(*_points(seen.pixel, seen.slit, seen.sigma_px, rays, ends, projector.apex_mm))
 
 
 @njit(cache=True, error_model="numpy")
-def _on_cones(pixel, slit, rays, angles, intrinsics, apex, axis, cosines):
+def _on_cones(pixel, cosine2, rays, angles, intrinsics, apex, axis):
     """Range at which each ray leaves its cone, and how far that place slides, mm, as its pixel moves outward by one.
 
     NaN where a ray never leaves its cone. The slide is the derivative at the pixel, not a difference over one.
     """
-    ranges, slides = np.full(slit.size, np.nan), np.empty(slit.size)
+    ends = np.empty((cosine2.size, 2))  # one array: of more, each would be guarded against lying over the others
     apex_a = apex[0] * axis[0] + apex[1] * axis[1] + apex[2] * axis[2]
     apex2 = apex[0] ** 2 + apex[1] ** 2 + apex[2] ** 2
-    for i in range(slit.size):
-        c2 = cosines[slit[i]] ** 2
+    lens = lens_of(intrinsics)
+    for i in range(cosine2.size):
+        c2 = cosine2[i]
         wx, wy, wz = rays[i, 0], rays[i, 1], rays[i, 2]
         w_a = wx * axis[0] + wy * axis[1] + wz * axis[2]
         w_apex = wx * apex[0] + wy * apex[1] + wz * apex[2]
@@ -46,25 +47,23 @@ def _on_cones(pixel, slit, rays, angles, intrinsics, apex, axis, cosines):
         b = -2.0 * (w_a * apex_a - c2 * w_apex)
         root = np.sqrt(b * b - 4.0 * a * (apex_a * apex_a - c2 * apex2))
         t = (-b - root) / (2.0 * a)
-        du, dv = pixel[i, 0] - intrinsics[3], pixel[i, 1] - intrinsics[4]
-        # false for NaN too: a negative root
-        if not (a < 0.0 and root > 0.0 and t > 0.0 and t * w_a > apex_a and du * du + dv * dv >= NEAREST_PX**2):
-            continue
-        dx, dy, dz = _turned_outward(du, dv, wx, wy, wz, angles[i], intrinsics)
+        du, dv = pixel[i, 0] - lens[3], pixel[i, 1] - lens[4]
+        dx, dy, dz = _turned_outward(du, dv, wx, wy, wz, angles[i], lens)
         d_a = dx * axis[0] + dy * axis[1] + dz * axis[2]
         d_apex = dx * apex[0] + dy * apex[1] + dz * apex[2]
         # the same equation, differentiated by the pixel's movement
         dt = (2.0 * w_a * d_a * t * t - 2.0 * (d_a * apex_a - c2 * d_apex) * t) / root
-        ranges[i] = t
-        slides[i] = np.sqrt((dt * wx + t * dx) ** 2 + (dt * wy + t * dy) ** 2 + (dt * wz + t * dz) ** 2)
-    return ranges, slides
+        # false for NaN too: a negative root; and no jump, so that several are done at a time
+        hit = (a < 0.0) & (root > 0.0) & (t > 0.0) & (t * w_a > apex_a) & (du * du + dv * dv >= NEAREST_PX**2)
+        ends[i, 0] = t if hit else np.nan
+        ends[i, 1] = np.sqrt((dt * wx + t * dx) ** 2 + (dt * wy + t * dy) ** 2 + (dt * wz + t * dz) ** 2)
+    return ends
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _turned_outward(du, dv, wx, wy, wz, angle, intrinsics):
+def _turned_outward(du, dv, wx, wy, wz, angle, lens):
     """Change of a unit ray as its pixel moves away from the picture's centre, by one pixel."""
-    fx, fy, skew = intrinsics[0], intrinsics[1], intrinsics[2]
-    k1, k2, k3, k4 = intrinsics[5], intrinsics[6], intrinsics[7], intrinsics[8]
+    fx, fy, skew, _, _, k1, k2, k3, k4 = lens
     off = np.sqrt(du * du + dv * dv)
     y = dv / fy
     x = (du - skew * y) / fx
@@ -77,20 +76,20 @@ def _turned_outward(du, dv, wx, wy, wz, angle, intrinsics):
 
 
 @njit(cache=True, error_model="numpy")
-def _points(pixel, slit, sigma_px, rays, ranges, slides, apex):
+def _points(pixel, slit, sigma_px, rays, ends, apex):
     """The arrays of `RingPoints`, in its order, of those rays that leave their cone."""
-    hit = np.isfinite(ranges)
+    hit = np.isfinite(ends[:, 0])
     n = np.count_nonzero(hit)
     xyz, light, sigma_mm = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     k = 0
     for i in range(slit.size):
         if not hit[i]:
             continue
-        x, y, z = ranges[i] * rays[i, 0], ranges[i] * rays[i, 1], ranges[i] * rays[i, 2]
+        x, y, z = ends[i, 0] * rays[i, 0], ends[i, 0] * rays[i, 1], ends[i, 0] * rays[i, 2]
         length = np.sqrt((x - apex[0]) ** 2 + (y - apex[1]) ** 2 + (z - apex[2]) ** 2)
         xyz[k, 0], xyz[k, 1], xyz[k, 2] = x, y, z
         light[k, 0], light[k, 1], light[k, 2] = (x - apex[0]) / length, (y - apex[1]) / length, (z - apex[2]) / length
-        sigma_mm[k] = sigma_px[i] * slides[i]
+        sigma_mm[k] = sigma_px[i] * ends[i, 1]
         k += 1
     if n == slit.size:
         return xyz, slit, pixel, light, sigma_mm

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from algorithms.robust import MAD_TO_SIGMA
 from algorithms.types import Alignment, RingPoints, WallMap
+from sensor_model.geometry import fast_arctan2
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
@@ -103,28 +104,34 @@ def _by_block(xyz_camera, direction, sigma_mm, kept, T, grid):
     """
     around, along, cell_z_mm = grid
     n, k = np.count_nonzero(kept), 0
-    row, packed = np.empty(n, dtype=np.int64), np.empty(n, dtype=WAITING)
+    block, packed, place = np.empty(n, dtype=np.int64), np.empty(n, dtype=WAITING), np.empty((kept.size, 4))
+    # first all, which the processor does several at a time
     for i in range(kept.size):
-        if not kept[i]:
-            continue
         x, y, z = _in_pipe(T, xyz_camera[i, 0], xyz_camera[i, 1], xyz_camera[i, 2], 1.0)
         lx, ly, _ = _in_pipe(T, direction[i, 0], direction[i, 1], direction[i, 2], 0.0)
         rho = np.sqrt(x * x + y * y)
-        sigma = max(sigma_mm[i] * max(abs(lx * x + ly * y) / rho, 0.05), 1e-3)
-        column = int(np.floor(np.arctan2(x, -y) / (2.0 * np.pi) * around)) % around
-        row[k] = int(np.floor(z / cell_z_mm))
-        packed[k].cell = column * along + row[k] % along
-        packed[k].radius, packed[k].weight = rho, 1.0 / (sigma * sigma)
+        slant = abs(lx * x + ly * y) / rho
+        place[i, 0] = np.floor(fast_arctan2(x, -y) / (2.0 * np.pi) * around)
+        place[i, 1], place[i, 2] = np.floor(z / cell_z_mm), rho
+        place[i, 3] = slant if slant > 0.05 else 0.05
+    for i in range(kept.size):
+        if not kept[i]:
+            continue
+        sigma = max(sigma_mm[i] * place[i, 3], 1e-3)
+        column, row = int(place[i, 0]), int(place[i, 1])
+        block[k] = row // along
+        column = column + around if column < 0 else column - around if column >= around else column
+        packed[k].cell = column * along + row - block[k] * along
+        packed[k].radius, packed[k].weight = place[i, 2], 1.0 / (sigma * sigma)
         k += 1
-    block = row // along
     first = block.min()
     ends = np.cumsum(np.bincount(block - first))
     if ends.size == 1:
         return first, ends, packed
-    place, sorted_ = ends.copy(), np.empty(n, dtype=WAITING)
+    end, sorted_ = ends.copy(), np.empty(n, dtype=WAITING)
     for i in range(n - 1, -1, -1):
-        place[block[i] - first] -= 1
-        sorted_[place[block[i] - first]] = packed[i]
+        end[block[i] - first] -= 1
+        sorted_[end[block[i] - first]] = packed[i]
     return first, ends, sorted_
 
 

@@ -65,9 +65,13 @@ def plane_normal(xyz_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
 def _spread(xyz):
     """Second moments (3, 3) about the points' middle, summed."""
     middle = np.array([np.sum(xyz[:, 0]), np.sum(xyz[:, 1]), np.sum(xyz[:, 2])]) / xyz.shape[0]
-    moments = np.zeros((3, 3))
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(xyz.shape[0]):
-        for a in range(3):
-            for b in range(3):
-                moments[a, b] += (xyz[i, a] - middle[a]) * (xyz[i, b] - middle[b])
-    return moments
+        x, y, z = xyz[i, 0] - middle[0], xyz[i, 1] - middle[1], xyz[i, 2] - middle[2]
+        xx += x * x
+        xy += x * y
+        xz += x * z
+        yy += y * y
+        yz += y * z
+        zz += z * z
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,8 +13,8 @@ from algorithms.types import FrameResult, Reconstruction, WallMap
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
 from scenarios.matching import match
 from scenarios.oracle import oracle_err_pct
-from sensor_model.geometry import apply, fisheye_rays, twist_about_z_rad, wall_angle_rad, wrap_rad
-from sensor_model.rig import Rig
+from sensor_model.geometry import fisheye_rays, twist_about_z_rad, wrap_rad
+from sensor_model.rig import Projector, Rig
 from sensor_model.wall_rays import near_wall, wall_ranges_mm
 from twin.features.base import Feature
 from twin.pipe import Pipe
@@ -115,10 +116,11 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
         tally.wrong += int(np.sum(true_slits(tally.pipe, tally.rig, points.pixel, T_true) != points.ring))
     if not result.alignment.converged:
         return
-    xyz = apply(result.alignment.T_pipe_camera, points.xyz_mm[result.kept])
-    wall = ~near_defect(tally.pipe, xyz)
+    xyz, walls = placed(
+        points.xyz_mm, result.kept, result.alignment.T_pipe_camera, _outlines(tally.pipe), tally.pipe.bore_radius_mm
+    )
     center, radius = circle(xyz[:, :2])
-    center_wall, radius_wall = circle(xyz[wall, :2]) if wall.sum() > 10 else (center, radius)
+    center_wall, radius_wall = circle(xyz[:walls, :2]) if walls > 10 else (center, radius)
     tally.center_mm.append(center)
     tally.radius_mm.append(radius)
     tally.center_wall_mm.append(center_wall)
@@ -153,42 +155,75 @@ def _shown(
     rays_camera = fisheye_rays(pixel, rig.camera.intrinsics)
     rays = rays_camera @ T_true[:3, :3].T
     ranges = wall_ranges_mm(near_wall(pipe, float(eye[2])), tuple(eye.tolist()), rays)
-    z = eye[2] + ranges * rays[:, 2]
+    axis = tuple(projector.T_camera_projector[:3, 2].tolist())
+    ends_mm = pipe.start_mm - eye[2], pipe.end_mm - eye[2]
+    slit = _slits_at(rays_camera, rays[:, 2], ranges, projector.apex_mm, axis, _tangents(projector), ends_mm)
+    return slit, ranges
+
+
+@lru_cache(maxsize=8)
+def _tangents(projector: Projector) -> Float[np.ndarray, "2 slits"]:
+    """Of each slit: the light's tangents between which it is seen as that slit, by a width and no neighbour."""
     angles, width = projector.slit_half_angles_rad, np.radians(projector.slit_width_deg)
     between = 0.5 * (angles[:-1] + angles[1:])
     begin, end = np.append(0.0, between).clip(min=angles - width), np.append(between, 1.5).clip(max=angles + width)
-    axis = tuple(projector.T_camera_projector[:3, 2].tolist())
-    slit = _slits_at(rays_camera, ranges, projector.apex_mm, axis, np.tan([begin, end]))
-    return np.where((z >= pipe.start_mm) & (z <= pipe.end_mm), slit, -1), ranges
+    return np.tan([begin, end])
 
 
 @njit(cache=True, error_model="numpy")
-def _slits_at(rays_camera, ranges, apex, axis, tangents):
-    """The slit between whose two tangents (2, slits) the light to each place in the camera frame passes, else -1."""
-    slit = np.full(ranges.size, -1)
+def _slits_at(rays_camera, along_pipe, ranges, apex, axis, tangents, ends_mm):
+    """The slit between whose two tangents (2, slits) the light to each place in the camera frame passes, else -1.
+
+    Beyond the pipe's ends, as seen from the camera, there is none.
+    """
+    slit, tangent, low, high = np.full(ranges.size, -1), np.empty(ranges.size), ends_mm[0], ends_mm[1]
     for i in range(ranges.size):
         x, y = ranges[i] * rays_camera[i, 0] - apex[0], ranges[i] * rays_camera[i, 1] - apex[1]
         z = ranges[i] * rays_camera[i, 2] - apex[2]
         along = x * axis[0] + y * axis[1] + z * axis[2]
-        tangent = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0)) / along
-        for k in range(tangents.shape[1]):
-            if along > 0 and tangents[0, k] <= tangent <= tangents[1, k]:
-                slit[i] = k
+        across2 = x * x + y * y + z * z - along * along
+        inside = (along > 0) & (low <= ranges[i] * along_pipe[i]) & (ranges[i] * along_pipe[i] <= high)
+        tangent[i] = np.sqrt(across2 if across2 > 0.0 else 0.0) / along if inside else -1.0
+    for k in range(tangents.shape[1]):
+        begin, end = tangents[0, k], tangents[1, k]
+        for i in range(ranges.size):
+            slit[i] = k if (begin <= tangent[i]) & (tangent[i] <= end) else slit[i]
     return slit
 
 
-def near_defect(pipe: Pipe, xyz_pipe_mm: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-    """Points on or close to a true defect."""
-    near = np.zeros(len(xyz_pipe_mm), dtype=bool)
-    z = xyz_pipe_mm[:, 2]
-    for feature in pipe.features:
-        size = feature.size(pipe.bore_radius_mm)
-        beside = np.flatnonzero(np.abs(z - feature.distance_mm) < size.length_mm / 2 + NEAR_DEFECT_MM)
-        if beside.size:
-            theta = wall_angle_rad(xyz_pipe_mm[beside, 0], xyz_pipe_mm[beside, 1])
-            arc = np.abs(feature.arc_mm(theta, pipe.bore_radius_mm))
-            near[beside] |= arc < size.width_mm / 2 + NEAR_DEFECT_MM
-    return near
+@lru_cache(maxsize=8)
+def _outlines(pipe: Pipe) -> Float[np.ndarray, "features 4"]:
+    """Of each true defect: distance, angle around the wall, half length and half width with what counts as near, mm."""
+    sizes = [(feature, feature.size(pipe.bore_radius_mm)) for feature in pipe.features]
+    rows = [(f.distance_mm, np.radians(f.clock_deg), size.length_mm / 2, size.width_mm / 2) for f, size in sizes]
+    near = np.array([0.0, 0.0, NEAR_DEFECT_MM, NEAR_DEFECT_MM])
+    return np.array(rows).reshape(-1, 4) + near
+
+
+@njit(cache=True, error_model="numpy")
+def placed(xyz_camera, kept, T_pipe_camera, outlines, bore_radius_mm):
+    """The kept points in the pipe frame, those on or close to a true defect last, and how many are not."""
+    T, n = T_pipe_camera, np.count_nonzero(kept)
+    xyz, first, last = np.empty((n, 3)), 0, n
+    for i in range(kept.size):
+        if not kept[i]:
+            continue
+        px, py, pz = xyz_camera[i, 0], xyz_camera[i, 1], xyz_camera[i, 2]
+        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        near = False
+        for k in range(outlines.shape[0]):
+            if abs(z - outlines[k, 0]) < outlines[k, 2]:
+                turn = np.arctan2(x, -y) - outlines[k, 1]
+                arc = bore_radius_mm * (turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
+                near = near or abs(arc) < outlines[k, 3]
+        if near:
+            last -= 1
+        row = last if near else first
+        first += not near
+        xyz[row, 0], xyz[row, 1], xyz[row, 2] = x, y, z
+    return xyz, first
 
 
 def score(found: Reconstruction, truth: Truth, tally: FrameTally) -> Score:
@@ -217,7 +252,7 @@ def _defects(found: Reconstruction, pipe: Pipe) -> dict:
         "depth_error_mm_max": _worst(list(error[:, 2])),
         "depth_bias_mm": float(error[:, 2].mean()) if rows else None,
         "eq29_err_pct_max": _worst([err_pct(m[0], m[1], t[0], t[1]) for m, t in zip(measured, true, strict=True)]),
-        "eq29_oracle_err_pct_max": _worst([oracle_err_pct(pipe, feature, found) for _, _, feature in rows]),
+        "eq29_oracle_err_pct_max": _worst(oracle_err_pct(pipe, [feature for _, _, feature in rows], found)),
         "eq30_error_pct_max": _worst([error_pct(m, t) for m, t in zip(measured, true, strict=True)]),
         "eq32_quality_pct": depth_quality_pct(measured[:, 2], true[:, 2]) if rows else None,
         "clock_spread_deg": _clock_spread_deg(rows),

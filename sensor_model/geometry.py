@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 GRAVITY_M_S2 = 9.80665
 FISHEYE_NEWTON_STEPS = 8
+FISHEYE_CLOSE_RAD = 1e-9  # a step as small as this was the last: the next would be its square
 
 
 def wall_angle_rad(x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
@@ -119,10 +120,57 @@ def fisheye_rays(
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def lens_of(intrinsics):
+    """The intrinsics as plain numbers, which a loop that writes elsewhere need not read again and again."""
+    return (
+        intrinsics[0],
+        intrinsics[1],
+        intrinsics[2],
+        intrinsics[3],
+        intrinsics[4],
+        intrinsics[5],
+        intrinsics[6],
+        intrinsics[7],
+        intrinsics[8],
+    )
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def fast_arctan2(y, x):
+    """`numpy.arctan2` to its last digits, without a jump: a loop over it is done for several places at a time."""
+    ax, ay = abs(x), abs(y)
+    small, large = (ay, ax) if ay < ax else (ax, ay)
+    steep = small > 0.41421356237309503 * large  # beyond 22.5 degrees, measured from 45
+    below = small + large if steep else large
+    u = (small - large if steep else small) / (1.0 if below == 0.0 else below)
+    z = u * u
+    # the rational form of the Cephes library
+    over = (((-0.8750608600031904 * z - 16.157537187333652) * z - 75.00855792314705) * z - 122.88666844901361) * z
+    under = ((((z + 24.858464901423062) * z + 165.02700983169885) * z + 432.88106049129027) * z + 485.3903996359137) * z
+    angle = u + u * z * (over - 64.85021904942025) / (under + 194.5506571482614) + (0.25 * np.pi if steep else 0.0)
+    angle = 0.5 * np.pi - angle if ay > ax else angle
+    return np.copysign(np.pi - angle if x < 0 else angle, y)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _sine_and_cosine(angle):
+    """Of an angle from 0 to 90 degrees, to their last digits; several places at a time, as `fast_arctan2`."""
+    u = angle - 0.25 * np.pi
+    z = u * u
+    # Cephes again, about 45 degrees
+    s = ((1.58962301576546568e-10 * z - 2.50507477628578072e-8) * z + 2.75573136213857245e-6) * z
+    s = ((s - 1.98412698295895385e-4) * z + 8.33333333332211858e-3) * z - 1.66666666666666307e-1
+    c = ((-1.13585365213876817e-11 * z + 2.08757008419747316e-9) * z - 2.75573141792967388e-7) * z
+    c = ((c + 2.48015872888517045e-5) * z - 1.38888888888730564e-3) * z + 4.16666666666665929e-2
+    sine, cosine = u + u * z * s, 1.0 - 0.5 * z + z * z * c
+    return np.sqrt(0.5) * (cosine + sine), np.sqrt(0.5) * (cosine - sine)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def fisheye_pixel(x, y, z, intrinsics):
     """`fisheye_project` of one point, for compiled code."""
     rho = np.sqrt(x * x + y * y)
-    theta = np.arctan2(rho, z)
+    theta = fast_arctan2(rho, z)
     t2 = theta * theta
     poly = 1 + t2 * (intrinsics[5] + t2 * (intrinsics[6] + t2 * (intrinsics[7] + t2 * intrinsics[8])))
     scale = theta * poly / rho if rho > 0 else 0.0
@@ -135,9 +183,9 @@ def fisheye_pixel(x, y, z, intrinsics):
 @njit(cache=True, error_model="numpy")
 def rays_and_angles(pixel, intrinsics):
     """`fisheye_rays` for compiled code: unit rays of (n, 2) pixels, and their angles with the optical axis."""
-    fx, fy, skew, cx, cy, k1, k2, k3, k4 = intrinsics
+    fx, fy, skew, cx, cy, k1, k2, k3, k4 = lens_of(intrinsics)
     n = pixel.shape[0]
-    slant, theta, rays = np.empty(n), np.empty(n), np.empty((n, 3))
+    slant, theta, sine, rays = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3))
     for i in range(n):
         y = (pixel[i, 1] - cy) / fy
         x = (pixel[i, 0] - cx - skew * y) / fx
@@ -145,15 +193,27 @@ def rays_and_angles(pixel, intrinsics):
         theta[i] = min(slant[i], 0.5 * np.pi)
     # step by step for all pixels at once, which the processor does several at a time
     for _ in range(FISHEYE_NEWTON_STEPS):
+        moving = 0
         for i in range(n):
             t2 = theta[i] * theta[i]
             value = theta[i] * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) - slant[i]
-            theta[i] -= value / (1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4))))
+            change = value / (1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4))))
+            theta[i] -= change
+            moving += abs(change) > FISHEYE_CLOSE_RAD
+        if moving == 0:
+            break
+    behind = 0
+    for i in range(n):
+        sine[i], rays[i, 2] = _sine_and_cosine(theta[i])
+        behind += not 0.0 <= theta[i] <= 0.5 * np.pi
+    if behind > 0:  # a camera that looks behind itself, and pixels that it cannot see
+        for i in range(n):
+            sine[i], rays[i, 2] = np.sin(theta[i]), np.cos(theta[i])
     for i in range(n):
         y = (pixel[i, 1] - cy) / fy
         x = (pixel[i, 0] - cx - skew * y) / fx
-        scale = np.sin(theta[i]) / slant[i] if slant[i] > 0 else 1.0
-        rays[i, 0], rays[i, 1], rays[i, 2] = x * scale, y * scale, np.cos(theta[i])
+        scale = sine[i] / slant[i] if slant[i] > 0 else 1.0
+        rays[i, 0], rays[i, 1] = x * scale, y * scale
     return rays, theta
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from numba import njit
 from pydantic import Field
 
-from sensor_model.geometry import fisheye_pixel, wrap_rad
+from sensor_model.geometry import fisheye_pixel, lens_of, wrap_rad
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Projector, Rig
 from sensor_model.settings import Settings
@@ -107,16 +107,18 @@ def _seen(wall, pipe, T_pipe_camera, apex, light, kept, jitter_px, intrinsics, c
 @njit(cache=True, error_model="numpy")
 def _pictured(light, seen, ranges, jitter_px, apex, intrinsics, corner):
     """Pixels, moved outward by their jitter, and slits of those rays whose end is seen, within the picture."""
-    pixel, slit = np.empty((ranges.size, 2)), np.empty(ranges.size, dtype=np.int64)
-    n = 0
+    pixel, slit, lens, n = np.empty((ranges.size, 2)), np.empty(ranges.size, dtype=np.int64), lens_of(intrinsics), 0
+    # first all, which the processor does several at a time, then those that are seen moved to the front
     for i in range(ranges.size):
-        if not seen[i]:
-            continue
         x = apex[0] + ranges[i] * light.rays_camera[i, 0]
         y = apex[1] + ranges[i] * light.rays_camera[i, 1]
         z = apex[2] + ranges[i] * light.rays_camera[i, 2]
-        u, v = fisheye_pixel(x, y, z, intrinsics)
-        du, dv = u - intrinsics[3], v - intrinsics[4]
+        pixel[i, 0], pixel[i, 1] = fisheye_pixel(x, y, z, lens)
+    for i in range(ranges.size):
+        if not seen[i]:
+            continue
+        u, v = pixel[i, 0], pixel[i, 1]
+        du, dv = u - lens[3], v - lens[4]
         shift = jitter_px[light.place[i]] / np.sqrt(du * du + dv * dv)
         u, v = u + shift * du, v + shift * dv
         if 0 <= u <= corner[0] and 0 <= v <= corner[1]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from sensor_model.geometry import fast_arctan2
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
 from twin.pipe import Pipe, Wall, wall_radius_mm
 
@@ -76,7 +77,7 @@ def _plain_ranges_mm(wall, origin, rays):
 @njit(cache=True, error_model="numpy")
 def in_shadow(wall, points, place):
     """Whether the wall stands between each of its (n, 3) points and a place."""
-    shaded = np.hypot(points[:, 0], points[:, 1]) > wall.smallest_radius + SHADOW_BEYOND_MM
+    shaded = points[:, 0] ** 2 + points[:, 1] ** 2 > (wall.smallest_radius + SHADOW_BEYOND_MM) ** 2
     which = np.flatnonzero(shaded)
     origins, towards, reach = np.empty((which.size, 3)), np.empty((which.size, 3)), np.empty(which.size)
     for k, i in enumerate(which):
@@ -195,7 +196,7 @@ def wrapped(angle):
 def _clearance(wall, origin, direction, s):
     """How far a point of a ray is inside the wall, mm; negative beyond it."""
     x, y = origin[0] + s * direction[0], origin[1] + s * direction[1]
-    return wall_radius_mm(wall, np.arctan2(x, -y), origin[2] + s * direction[2]) - np.sqrt(x * x + y * y)
+    return wall_radius_mm(wall, fast_arctan2(x, -y), origin[2] + s * direction[2]) - np.sqrt(x * x + y * y)
 
 
 @njit(cache=True, error_model="numpy")
@@ -253,7 +254,7 @@ def inward_normal(wall, point):
     rho = np.sqrt(point[0] ** 2 + point[1] ** 2)
     if wall.ovality == 0.0 and rho < wall.smallest_radius + HIT_TOLERANCE_MM:
         return (-point[0] / rho, -point[1] / rho, 0.0)
-    theta = np.arctan2(point[0], -point[1])
+    theta = fast_arctan2(point[0], -point[1])
     turn = SLOPE_STEP_MM / rho
     slope_z = wall_radius_mm(wall, theta, point[2] + SLOPE_STEP_MM) - wall_radius_mm(
         wall, theta, point[2] - SLOPE_STEP_MM

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 
-from algorithms.robust import MAD_TO_SIGMA, spread
+from algorithms.robust import MAD_TO_SIGMA
 from algorithms.types import WallMap
 
 BLOCK_MM = 200.0
@@ -25,57 +24,112 @@ def deviation_mm(wall: WallMap) -> Float[np.ndarray, "around along"]:
     deviation = np.full(wall.radius_mm.shape, np.nan)
     cell_mm = wall.z_mm[1] - wall.z_mm[0] if wall.z_mm.size > 1 else 1.0
     half, step = round(BLOCK_MM / cell_mm / 2), max(round(BLOCK_MM / cell_mm / 4), 1)
+    shape = _shape(wall.theta_rad)
     for first in range(0, wall.z_mm.size, step):
-        block = slice(max(first + step // 2 - half, 0), first + step // 2 + half)
-        bore = _bore(wall.theta_rad, wall.radius_mm[:, block])[:, None]
-        # with a row of neighbours on either side; block by block, so that memory does not grow with the pipe
-        wider = slice(max(first - 1, 0), first + step + 1)
-        smooth = _median3x3(wall.radius_mm[:, wider] - bore)
-        deviation[:, first : first + step] = smooth[:, first - wider.start :][
-            :, : deviation[:, first : first + step].shape[1]
-        ]
+        last = min(first + step, wall.z_mm.size)
+        bore = _bore(shape, seen_medians(wall.radius_mm, max(first + step // 2 - half, 0), first + step // 2 + half))
+        smooth_from(wall.radius_mm, bore, first, last, deviation)
     return deviation
 
 
-def _bore(theta: np.ndarray, radius: np.ndarray) -> Float[np.ndarray, "around"]:
-    """Circle plus oval through one block, by least squares reweighted with Tukey's biweight."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # all-NaN columns: the strut's, dealt with below
-        column = np.nanmedian(radius, axis=1)
-    known = np.isfinite(column)
-    orders = np.arange(1, HARMONICS + 1)
-    A = np.hstack([np.ones((theta.size, 1)), np.cos(theta[:, None] * orders), np.sin(theta[:, None] * orders)])
-    if known.sum() < 4 * A.shape[1]:
-        return np.full(theta.size, np.nan)
-    weight = np.ones(int(known.sum()))
+def _shape(theta: np.ndarray) -> Float[np.ndarray, "around terms"]:
+    """What a bore is made of: a circle, and an oval's harmonics around the wall."""
+    orders = theta[:, None] * np.arange(1, HARMONICS + 1)
+    return np.hstack([np.ones((theta.size, 1)), np.cos(orders), np.sin(orders)])
+
+
+def _bore(shape: Float[np.ndarray, "around terms"], column: Float[np.ndarray, "around"]) -> Float[np.ndarray, "around"]:
+    """Circle plus oval through the medians of one block, by least squares reweighted with Tukey's biweight."""
+    known = np.isfinite(column)  # the strut's columns may be empty
+    if known.sum() < 4 * shape.shape[1]:
+        return np.full(column.size, np.nan)
+    A, seen = shape[known], column[known]
     # the median start keeps a wide defect from bending the first fit
-    bore = np.full(theta.size, np.median(column[known]))
+    bore = np.full(seen.size, np.median(seen))
     for _ in range(ROUNDS):
-        residual = column[known] - bore[known]
+        residual = seen - bore
         scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), 1e-6)
         weight = np.clip(1 - (residual / (4.685 * scale)) ** 2, 0, None) ** 2 + 1e-12
-        root = np.sqrt(weight)[:, None]
-        bore = A @ np.linalg.lstsq(A[known] * root, column[known] * root[:, 0], rcond=None)[0]
-    return bore
+        weighted = A.T * weight
+        # the median taken off first, or the normal equations would lose half of the digits
+        terms = np.linalg.solve(weighted @ A, weighted @ residual)
+        bore = bore + A @ terms
+    return shape @ np.linalg.lstsq(A, bore, rcond=None)[0]
 
 
-def _median3x3(values: np.ndarray) -> np.ndarray:
-    """Median of the seen cells among nine, around the wall and along it, where the middle one was seen."""
-    shifted = np.stack(
-        [_shift_along(np.roll(values, turn, axis=0), move) for turn in (-1, 0, 1) for move in (-1, 0, 1)]
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # cells without any seen neighbour stay NaN
-        smooth = np.nanmedian(shifted, axis=0)
-    return np.where(np.isfinite(values), smooth, np.nan)
-
-
-def _shift_along(values: np.ndarray, move: int) -> np.ndarray:
-    out = np.full(values.shape, np.nan)
-    if move == 0:
-        return values
-    out[:, max(move, 0) : values.shape[1] + min(move, 0)] = values[:, max(-move, 0) : values.shape[1] - max(move, 0)]
+@njit(cache=True, error_model="numpy")
+def seen_medians(radius, first, last):
+    """Median of what was seen in each of (around, along) lines between two columns, NaN of nothing."""
+    out, some = np.full(radius.shape[0], np.nan), np.empty(radius.shape[1])
+    for i in range(radius.shape[0]):
+        n = 0
+        for j in range(first, min(last, radius.shape[1])):
+            if np.isfinite(radius[i, j]):
+                some[n] = radius[i, j]
+                n += 1
+        if n > 0:
+            out[i] = np.median(some[:n])
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def smooth_from(radius, bore, first, last, out):
+    """Median of the seen cells among nine of radius less bore, where the middle one was seen; columns first .. last."""
+    around, along = radius.shape
+    begin, end = max(first - 1, 0), min(last + 1, along)
+    low, middle, high, some = np.empty(along), np.empty(along), np.empty(along), np.empty(9)
+    for i in range(around):
+        before, after = i - 1, i + 1 if i + 1 < around else 0
+        # three around are put in order once for all three columns beside them
+        for j in range(begin, end):
+            a, b, c = radius[before, j] - bore[before], radius[i, j] - bore[i], radius[after, j] - bore[after]
+            low[j], high[j] = _least(_least(a, b), c), _most(_most(a, b), c)
+            middle[j] = _middle(a, b, c) + 0.0 * (a + b + c)
+        for j in range(first, last):
+            if not np.isfinite(radius[i, j] - bore[i]):
+                continue
+            west, east = j - 1, j + 1
+            if west < 0 or east == along or not np.isfinite(middle[west] + middle[j] + middle[east]):
+                out[i, j] = _median_of_seen(radius, bore, (before, i, after), j, some)
+                continue
+            out[i, j] = _middle(
+                _most(_most(low[west], low[j]), low[east]),
+                _middle(middle[west], middle[j], middle[east]),
+                _least(_least(high[west], high[j]), high[east]),
+            )
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _middle(a, b, c):
+    return _most(_least(a, b), _least(_most(a, b), c))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _least(a, b):
+    return a if a < b else b  # one instruction, unlike `min`, which minds NaN
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _most(a, b):
+    return a if a > b else b
+
+
+@njit(cache=True, error_model="numpy")
+def _median_of_seen(radius, bore, lines, j, some):
+    """Median of the seen cells in three columns of three lines, of which one was seen; `some` has room for them."""
+    n = 0
+    for k in lines:
+        for m in range(max(j - 1, 0), min(j + 2, radius.shape[1])):
+            value = radius[k, m] - bore[k]
+            if not np.isfinite(value):
+                continue
+            place = n
+            while place > 0 and some[place - 1] > value:
+                some[place] = some[place - 1]
+                place -= 1
+            some[place] = value
+            n += 1
+    return 0.5 * (some[(n - 1) // 2] + some[n // 2])
 
 
 def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Float[np.ndarray, "around along"]:
@@ -87,11 +141,43 @@ def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Flo
     """
     cell_mm = wall.z_mm[1] - wall.z_mm[0] if wall.z_mm.size > 1 else 1.0
     half = max(round(NOISE_WINDOW_MM / cell_mm / 2), 1)
-    relative = deviation / wall.sigma_mm
-    out = np.full(deviation.shape, np.nan)
-    for row in range(wall.z_mm.size):
-        near = relative[:, max(row - half, 0) : row + half + 1]
-        seen = near[np.isfinite(near)]
-        if seen.size:
-            out[:, row] = spread(seen) * wall.sigma_mm[:, row]
+    level = spreads_along((deviation / wall.sigma_mm).T.copy(), half)
+    return (level.astype(wall.sigma_mm.dtype) * wall.sigma_mm).astype(np.float64)
+
+
+@njit(cache=True, error_model="numpy")
+def spreads_along(relative, half):
+    """`spread` of what was seen in (along, around) columns, each with so many on either side; NaN of nothing."""
+    along, around = relative.shape
+    out, some = np.full(along, np.nan), np.empty((2 * half + 1) * around)
+    middle, wide = 0.0, 0.0
+    for row in range(along):
+        n = 0
+        for j in range(max(row - half, 0), min(row + half + 1, along)):
+            for i in range(around):
+                some[n] = relative[j, i]
+                n += np.isfinite(relative[j, i])
+        if n == 0:
+            continue
+        middle = median_near(some[:n], middle, 0.06 * wide)
+        for i in range(n):
+            some[i] = abs(some[i] - middle)
+        wide = median_near(some[:n], wide, 0.06 * wide)
+        out[row] = MAD_TO_SIGMA * wide
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def median_near(values, guess, reach):
+    """The median; quickly where it lies within a reach of a guess, for then the few values there are enough."""
+    n, below, inside = values.size, 0, 0
+    near = np.empty(n)
+    for value in values:
+        near[inside] = value
+        inside += (value >= guess - reach) & (value <= guess + reach)
+        below += value < guess - reach
+    low, high = (n - 1) // 2 - below, n // 2 - below
+    if low < 0 or high >= inside:
+        return np.median(values)
+    near[:inside].sort()
+    return 0.5 * (near[low] + near[high])

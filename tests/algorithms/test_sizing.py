@@ -6,9 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from algorithms.sizing.background import deviation_mm, noise_mm
-from algorithms.sizing.measure import SizingSettings, measure_defects, segment
+from algorithms.robust import spread
+from algorithms.sizing.background import deviation_mm, median_near, noise_mm, seen_medians, smooth_from, spreads_along
+from algorithms.sizing.measure import SizingSettings, measure_defects, numbered, segment
 from algorithms.sizing.thresholds import THRESHOLDS, ThresholdSettings
 from algorithms.types import WallMap
 from sensor_model.recording import NominalPipe
@@ -142,3 +146,50 @@ def test_segments_join_over_small_gaps_only():
     labels = segment(deep, wall, 76.2, join_mm=3.0)
     assert len(np.unique(labels[labels > 0])) == 2
     assert labels[105, 55] == labels[105, 65] != labels[105, 85]
+
+
+def _speckled(share, shape=(24, 50), seed=0):
+    rng = np.random.default_rng(seed)
+    return np.where(rng.random(shape) < share, np.nan, rng.normal(0, 1, shape))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.8, 1.0])
+@pytest.mark.filterwarnings("ignore:All-NaN slice")
+def test_the_compiled_medians_agree_with_numpy(share):
+    values, bore = _speckled(share), np.linspace(-1, 1, 24)
+    assert np.array_equal(seen_medians(values, 5, 30), np.nanmedian(values[:, 5:30], axis=1), equal_nan=True)
+
+    wide = np.pad(np.pad(values - bore[:, None], ((1, 1), (0, 0)), "wrap"), ((0, 0), (1, 1)), constant_values=np.nan)
+    nine = np.lib.stride_tricks.sliding_window_view(wide, (3, 3)).reshape(24, 50, 9)
+    expected = np.where(np.isfinite(values), np.nanmedian(nine, axis=2), np.nan)
+    smooth = np.full(values.shape, np.nan)
+    for first in range(0, 50, 20):  # as blocks come
+        smooth_from(values, bore, first, min(first + 20, 50), smooth)
+    assert smooth == pytest.approx(expected, rel=1e-12, abs=1e-15, nan_ok=True)
+
+    near = [values.T[max(row - 3, 0) : row + 4] for row in range(50)]
+    expected = [spread(part[np.isfinite(part)]) for part in near]
+    assert np.array_equal(spreads_along(values.T.copy(), 3), expected, equal_nan=True)
+
+
+@pytest.mark.parametrize(("guess", "reach"), [(0.0, 0.0), (0.1, 0.5), (-7.0, 1.0), (0.0, 99.0), (7.0, 0.5)])
+@pytest.mark.parametrize("count", [1, 2, 99, 100])
+def test_a_median_is_the_same_whatever_was_guessed(guess, reach, count):
+    values = np.random.default_rng(count).normal(0, 1, count)
+    assert median_near(values, guess, reach) == np.median(values)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_groups_are_those_that_scipy_labels_on_a_ring(seed):
+    rng = np.random.default_rng(seed)
+    deep = rng.random(rng.integers(8, 30, 2)) < rng.choice([0.02, 0.05, 0.1, 0.3])
+    arc, along = rng.integers(0, 4, 2)
+    near = ndimage.grey_dilation(deep.astype(np.uint8), size=(2 * arc + 1, 2 * along + 1), mode=("wrap", "constant"))
+    # a row repeated at the far end carries labels over the seam; groups that it links are one
+    labels, count = ndimage.label(np.vstack([near, near[:1]]), structure=np.ones((3, 3)))
+    links = labels[0] > 0
+    graph = coo_array((np.ones(links.sum()), (labels[0][links], labels[-1][links])), shape=(count + 1, count + 1))
+    expected = np.where(deep, connected_components(graph, directed=False)[1][labels[:-1]], 0)
+    found = numbered(deep, int(arc), int(along))
+    pairs = set(zip(expected.ravel(), found.ravel(), strict=True))
+    assert len(pairs) == np.unique(expected).size == np.unique(found).size

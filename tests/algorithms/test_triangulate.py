@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from algorithms.reconstruct import share_of_places
 from algorithms.triangulate import triangulate
 from sensor_model.geometry import fisheye_project, fisheye_rays, half_angle_rad
 from sensor_model.points import PointNoise, see_slits
@@ -86,3 +87,11 @@ def test_a_ray_inside_its_cone_gives_no_point():
     assert triangulate(seen, rig).sigma_mm.size == 0
     at_the_center = SlitPixels(np.array([[rig.camera.cx_px, rig.camera.cy_px]]), np.array([0]), np.array([0.2]))
     assert triangulate(at_the_center, rig).sigma_mm.size == 0
+
+
+def test_the_yield_counts_every_place_once():
+    rng = np.random.default_rng(0)
+    pixel, slit = rng.uniform(0, 1000, (3000, 2)), rng.integers(0, 8, 3000)
+    turn = np.arctan2(pixel[:, 0] - 480.0, 510.0 - pixel[:, 1]) / (2 * np.pi)
+    places = set(zip(slit.tolist(), (np.rint(turn * 360) % 360).tolist(), strict=True))
+    assert share_of_places(pixel, slit, (480.0, 510.0), 8, 360) == len(places) / (8 * 360)

@@ -10,8 +10,8 @@ import pytest
 from algorithms.types import Defect
 from scenarios.load import load_scenario
 from scenarios.matching import match
-from scenarios.score import MEANINGS, Score, pose_errors, score, true_slits
-from sensor_model.geometry import fisheye_project, fisheye_rays, half_angle_rad
+from scenarios.score import MEANINGS, Score, placed, pose_errors, score, true_slits
+from sensor_model.geometry import apply, fisheye_project, fisheye_rays, half_angle_rad, wall_angle_rad, wrap_rad
 from twin.pipe import Pipe
 
 
@@ -124,3 +124,23 @@ def test_scoring_edits_nothing(scan):
     score(found, truth, tally)
     after = (found.wall.radius_mm, found.trajectory.T_pipe_camera, truth.position_mm)
     assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, after, strict=True))
+
+
+def test_points_are_placed_with_those_near_a_defect_last(scan):
+    rng, T = np.random.default_rng(0), scan[0].pose_at(np.array([1.0]))[0]
+    turn = rng.uniform(0, 2 * np.pi, 500)
+    xyz = np.column_stack([76 * np.sin(turn), -76 * np.cos(turn), rng.uniform(0, 200, 500)])
+    kept, outlines = (
+        rng.random(500) < 0.8,
+        np.array([[T[2, 3] + 60, 0.1, 40.0, 30.0], [T[2, 3] + 150, 3.0, 30.0, 20.0]]),
+    )
+
+    there = apply(T, xyz[kept])
+    theta = wall_angle_rad(there[:, 0], there[:, 1])
+    off = [np.abs(there[:, 2] - z) < length for z, _, length, _ in outlines]
+    arc = [np.abs(wrap_rad(theta - middle)) * 76.2 < width for _, middle, _, width in outlines]
+    near = (off[0] & arc[0]) | (off[1] & arc[1])
+    found, walls = placed(xyz, kept, T, outlines, 76.2)
+    assert 0 < walls == np.count_nonzero(~near) < near.size
+    assert found[:walls] == pytest.approx(there[~near], abs=1e-12)
+    assert found[walls:][::-1] == pytest.approx(there[near], abs=1e-12)

@@ -105,3 +105,20 @@ def test_half_angle_of_a_tilted_cone():
         [np.sin(alpha) * np.cos(around), np.sin(alpha) * np.sin(around), np.full(13, np.cos(alpha))], axis=-1
     )
     assert np.allclose(g.half_angle_rad(apex + 150 * local @ R.T, apex, axis), alpha)
+
+
+def test_the_fast_arc_tangent_is_numpys_to_its_last_digits():
+    rng = np.random.default_rng(0)
+    y, x = rng.normal(size=(2, 2000)) * 10.0 ** rng.integers(-6, 6, (2, 2000))
+    edges = [0.0, -0.0, 1.0, -1.0]
+    for v, u in [*zip(y, x, strict=True), *((v, u) for v in edges for u in edges if (v, u) != (0.0, 0.0) or u > 0)]:
+        assert g.fast_arctan2.py_func(v, u) == pytest.approx(np.arctan2(v, abs(u) if u == 0 else u), rel=1e-15, abs=0)
+    assert np.isnan(g.fast_arctan2(np.nan, 1.0))
+    assert np.isnan(g.fast_arctan2(1.0, np.nan))
+
+
+def test_rays_from_pixels_further_out_than_ninety_degrees_can_be_seen():
+    k = np.array([300.0, 300.0, 0.0, 500.0, 500.0, 0.0, 0.0, 0.0, 0.0])
+    wide = np.array([2.0, 0.0, -0.5])
+    pixel = g.fisheye_project(np.array([wide, [1.0, 1.0, 5.0]]), k)
+    assert g.fisheye_rays(pixel, k)[0] == pytest.approx(wide / np.linalg.norm(wide), abs=1e-12)
