@@ -74,7 +74,7 @@ def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[s
             save_truth(truth, folder / "truth")
             progress("drive", 1, 1)
         with _stage("sense", seconds):
-            recording = _sensed(scenario, truth, folder / "recording", workers, peaks_kb, progress)
+            recording = sensed(scenario, truth, folder / "recording", workers, peaks_kb, progress)
         with _stage("reconstruct", seconds):
             found, tally, samples = _reconstructed(scenario, truth, recording, workers, peaks_kb, progress)
             write_reconstruction(found, folder / "reconstruction")
@@ -100,9 +100,10 @@ def _stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
     seconds[name] = round(time.perf_counter() - start, 3)
 
 
-def _sensed(
+def sensed(
     scenario: Scenario, truth: Truth, folder: Path, workers: int, peaks_kb: dict[int, int], progress: Report
 ) -> Recording:
+    """Have the sensor log the drive into a folder."""
     true_rig = scenario.true_rig or scenario.rig
     total = truth.sample_times_s(scenario.sensing.frame_rate_hz).size
     frames = sense(

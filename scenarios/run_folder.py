@@ -15,6 +15,7 @@ from scenarios.document import BadInput
 
 MARK = "run.json"  # the last file of a run; a folder without it is not ours to replace
 PARTS = {MARK, "scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html"}
+PARTS |= {"table1.json", "table1.csv", "fig5.png", "fig5.json", "fig11.png", "artefacts.json", "artefacts.csv"}
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 

@@ -105,6 +105,7 @@ class FrameTally:
     center_mm: list[np.ndarray] = field(default_factory=list)
     center_wall_mm: list[np.ndarray] = field(default_factory=list)
     normal: list[np.ndarray] = field(default_factory=list)
+    normal_wall: list[np.ndarray] = field(default_factory=list)
 
 
 def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray, "4 4"]) -> None:
@@ -113,17 +114,22 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
     if points.sigma_mm.size:
         tally.points += points.sigma_mm.size
         tally.wrong += int(np.sum(true_slits(tally.pipe, tally.rig, points.pixel, T_true) != points.ring))
-    if not result.alignment.converged:
-        return
-    xyz = apply(result.alignment.T_pipe_camera, points.xyz_mm[result.kept])
-    wall = ~near_defect(tally.pipe, xyz)
-    center, radius = circle(xyz[:, :2])
-    center_wall, radius_wall = circle(xyz[wall, :2]) if wall.sum() > 10 else (center, radius)
-    tally.center_mm.append(center)
-    tally.radius_mm.append(radius)
-    tally.center_wall_mm.append(center_wall)
-    tally.radius_wall_mm.append(radius_wall)
-    tally.normal.append(plane_normal(xyz))
+    if result.alignment.converged:
+        xyz = apply(result.alignment.T_pipe_camera, points.xyz_mm[result.kept])
+        tally_shape(tally, xyz, ~near_defect(tally.pipe, xyz))
+
+
+def tally_shape(tally: FrameTally, xyz_pipe_mm: Float[np.ndarray, "n 3"], wall: Bool[np.ndarray, "n"]) -> None:
+    """Take the circle and the plane of Fig. 11c, of all points of a frame and of those on the undamaged wall."""
+    alone = xyz_pipe_mm[wall] if wall.sum() > 10 else xyz_pipe_mm
+    for xyz, centers, radii, normals in (
+        (xyz_pipe_mm, tally.center_mm, tally.radius_mm, tally.normal),
+        (alone, tally.center_wall_mm, tally.radius_wall_mm, tally.normal_wall),
+    ):
+        center, radius = circle(xyz[:, :2])
+        centers.append(center)
+        radii.append(radius)
+        normals.append(plane_normal(xyz))
 
 
 def true_slits(pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]) -> np.ndarray:
