@@ -39,6 +39,10 @@ if ! fresh || ! have $gl; then
 fi
 
 export PYOPENGL_PLATFORM=egl PYGLET_HEADLESS=1 MUJOCO_GL=egl
+# numba looks only at a function's own file: its compiled code is kept apart for each state of all our sources
+NUMBA_CACHE_DIR=$here/.venv/numba/$(cd "$here" && find twin sensor_model algorithms scenarios -name '*.py' | sort | xargs cat | cksum | tr ' ' -)
+export NUMBA_CACHE_DIR
+for old in "$here"/.venv/numba/*; do [ "$old" = "$NUMBA_CACHE_DIR" ] || rm -rf "$old"; done
 PATH="$here/.venv/bin:$PATH"
 if [ "$1" = check ]; then
     cd "$here"

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
 from algorithms.decode import DecodeSettings
 from algorithms.localisation.odometry import OdometrySettings
-from algorithms.registration import AnyRegistration, CylinderSettings
+from algorithms.registration import AnyRegistration, CylinderMapSettings
 from algorithms.sizing.measure import SizingSettings
 from algorithms.wall_map import MapSettings
 from sensor_model.settings import Settings
+
+
+def _of_default_kind(value: Any) -> Any:
+    """Settings without a kind are those of the default method."""
+    kind = CylinderMapSettings.model_fields["kind"].default
+    return {"kind": kind, **value} if isinstance(value, dict) else value
 
 
 class Method(Settings):
@@ -15,6 +25,6 @@ class Method(Settings):
 
     decode: DecodeSettings = DecodeSettings()
     localisation: OdometrySettings = OdometrySettings()
-    registration: AnyRegistration = CylinderSettings()
+    registration: Annotated[AnyRegistration, BeforeValidator(_of_default_kind)] = CylinderMapSettings()
     map: MapSettings = MapSettings()
     sizing: SizingSettings = SizingSettings()

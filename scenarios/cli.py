@@ -11,6 +11,8 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from scenarios.bench.commands import app as bench_commands
+
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
 app = typer.Typer(
@@ -20,6 +22,8 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
 )
+
+app.add_typer(bench_commands, name="bench")
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="A name that `list` shows, or a YAML file.")]
 OutFolder = Annotated[

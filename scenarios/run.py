@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from algorithms.reconstruct import ReconstructionFailed, begin, finish, see, ste
 from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
 from scenarios.load import scenario_yaml
+from scenarios.provenance import versions
 from scenarios.run_folder import run_folder
 from scenarios.scenario import Scenario, nominal_pipe
 from scenarios.score import FrameTally, Score, score, tally_frame
@@ -166,28 +166,12 @@ def _sample_indices(truth: Truth, T_true: np.ndarray) -> list[int]:
 
 def provenance(scenario: Scenario, seconds: dict[str, float], peaks_kb: dict[int, int]) -> dict:
     """What made this result: versions, seed, git state, seconds per stage, peak memory."""
-    import platform
     import resource
-    import subprocess
 
-    def git(*words: str) -> str | None:
-        here = Path(__file__).parent
-        try:
-            done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True)  # noqa: S603, S607
-        except (OSError, subprocess.CalledProcessError):
-            return None  # no git here, or no checkout: said as null
-        return done.stdout.strip()
-
-    changed = git("status", "--porcelain")
-    packages = ("mujoco", "numpy", "scipy", "numba", "opencv-python-headless", "pyrender", "trimesh")
     peaks_mb = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, *(kb / 1024 for kb in peaks_kb.values())]
     return {
-        "pipetwin": version("pipetwin"),
-        "python": platform.python_version(),
-        "packages": {name: version(name) for name in packages},
+        **versions(),
         "seed": scenario.seed,
-        "git_commit": git("rev-parse", "HEAD"),
-        "git_changed": None if changed is None else bool(changed),
         "seconds": seconds,
         "seconds_total": round(sum(seconds.values()), 3),
         "peak_memory_mb": {"this_process": round(peaks_mb[0]), "all_processes": round(sum(peaks_mb))},

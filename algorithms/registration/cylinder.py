@@ -25,10 +25,11 @@ from algorithms.registration.settle import (
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.settings import Settings
 
-SAMPLE, SAMPLE_STEPS, SAMPLE_DAMPING = 7, 4, 1e-3
+SAMPLE, SAMPLE_STEPS, SAMPLE_DAMPING = 6, 3, 1e-3
 SUBSAMPLE = 512
 MISSED = 1e-3  # chance that no sample was free of outliers
 EVERYTHING = 1e9
+PROMISING = 3.0  # a sample's cylinder is this much looser than the one it leads to
 LEAST_RADIUS, MOST_RADIUS = 0.5, 1.5
 
 
@@ -75,37 +76,42 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: CylinderSe
 def _consensus(packed, start, hypotheses):
     """RANSAC: of the cylinders through a few points each, the one that most points agree with, and their scale.
 
-    Agreement is a truncated square of the residuals (MSAC), whose threshold follows the best cylinder's own scale.
-    Samples are drawn until one without outliers is as good as sure.
+    Agreement is a truncated square of the residuals in the points' own standard deviations (MSAC); a new best one is
+    refitted to those that agree (LO-RANSAC). Samples are drawn until one without outliers is as good as sure.
     """
     m = min(packed.shape[1], SUBSAMPLE)
     some = np.ascontiguousarray(packed[:, :: packed.shape[1] // m][:, :m])
-    residual, sample = np.empty(m), np.empty((8, SAMPLE))
-    best, best_cost, scale = start.copy(), np.inf, np.inf
+    residual, sample = np.empty(m), np.ones((8, SAMPLE))
+    best, best_cost = start.copy(), np.inf
     H, g, step = np.empty((5, 5)), np.empty(5), np.empty(5)
     state = np.uint64(20230139)  # the sampling is part of the method: the same points give the same pose
     needed, drawn = float(hypotheses), 0
     while drawn < needed:
         candidate = start.copy()
         if drawn == 0:  # the first hypothesis is the fit to all
-            fitted = _fitted(some, candidate, H, g, step)
+            fitted = _fitted(some, candidate, EVERYTHING, H, g, step)
         else:
             for k in range(SAMPLE):
                 state = state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
                 sample[:, k] = some[:, int((state >> np.uint64(33)) % np.uint64(m))]
-            fitted = _fitted(sample, candidate, H, g, step)
+            fitted = _fitted(sample, candidate, EVERYTHING, H, g, step)
         drawn += 1
         if not fitted:
             continue
         residuals(some, candidate, residual)
-        if not _cost(residual, INLIER_SIGMAS * scale) < best_cost:
+        if not _cost(residual, PROMISING * INLIER_SIGMAS) < PROMISING * best_cost:
             continue
-        best, scale = candidate, min(scale, max(scale_about_zero(residual), SMALLEST_SCALE))
-        best_cost = _cost(residual, INLIER_SIGMAS * scale)
-        share = np.mean(np.abs(residual) < INLIER_SIGMAS * scale)
-        chance = min(max(share**SAMPLE, 1e-9), 1.0 - 1e-9)
-        needed = min(float(hypotheses), np.log(MISSED) / np.log(1.0 - chance))
-    return best, scale
+        refitted = candidate.copy()
+        if _fitted(some, refitted, PROMISING * INLIER_SIGMAS, H, g, step):
+            candidate = refitted
+        residuals(some, candidate, residual)
+        cost = _cost(residual, INLIER_SIGMAS)
+        if cost < best_cost:
+            best, best_cost = candidate, cost
+            clean = max(np.mean(np.abs(residual) < INLIER_SIGMAS) ** SAMPLE, 1e-9)
+            needed = min(float(hypotheses), np.log(MISSED) / np.log1p(-clean) if clean < 1.0 else 1.0)
+    residuals(some, best, residual)
+    return best, max(scale_about_zero(residual), SMALLEST_SCALE)
 
 
 @njit(cache=True)
@@ -117,10 +123,10 @@ def _cost(residual, threshold):
 
 
 @njit(cache=True)
-def _fitted(packed, cylinder, H, g, step):
-    """Fit a cylinder to a sample, in place: damped, for a few points may hardly fix a tilt."""
+def _fitted(packed, cylinder, cut, H, g, step):
+    """Fit a cylinder in place to what lies within the cut: damped, for a few points may hardly fix a tilt."""
     for _ in range(SAMPLE_STEPS):
-        normal_matrix(packed, cylinder, EVERYTHING, H, g)
+        normal_matrix(packed, cylinder, cut, H, g)
         if not solve(H, g, SAMPLE_DAMPING, step):
             return False
         cylinder[:] = moved(cylinder, step)

@@ -41,12 +41,35 @@ def across(cylinder):
     return 1.0 - ax * ax * k, -ax * ay * k, -ax, -ax * ay * k, 1.0 - ay * ay * k, -ay
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True)
 def residuals(packed, cylinder, out):
     """How far each point lies beyond the wall, along its light ray, in its own standard deviations (Eq. 10).
 
     Along the ray, because there the range error is plain Gaussian: a distance across the wall would be biased by it.
     """
+    if cylinder[7] == 0.0 and cylinder[8] == 0.0:
+        _residuals_of_round(packed, cylinder, out)
+    else:
+        _residuals_of_oval(packed, cylinder, out)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _residuals_of_round(packed, cylinder, out):
+    cx, cy, cz, _, _, _, radius, _, _ = cylinder
+    e0, e1, e2, f0, f1, f2 = across(cylinder)
+    r2 = radius * radius
+    for i in range(packed.shape[1]):
+        px, py, pz = packed[0, i] - cx, packed[1, i] - cy, packed[2, i] - cz
+        dx, dy, dz = packed[3, i], packed[4, i], packed[5, i]
+        x, y = e0 * px + e1 * py + e2 * pz, f0 * px + f1 * py + f2 * pz
+        u, v = e0 * dx + e1 * dy + e2 * dz, f0 * dx + f1 * dy + f2 * dz
+        b, a, c = x * u + y * v, u * u + v * v, x * x + y * y - r2
+        root = np.sqrt(max(b * b - a * c, TINY))
+        out[i] = c / max(b + root, TINY) * packed[6, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _residuals_of_oval(packed, cylinder, out):
     cx, cy, cz, _, _, _, radius, o1, o2 = cylinder
     e0, e1, e2, f0, f1, f2 = across(cylinder)
     for i in range(packed.shape[1]):
@@ -63,15 +86,15 @@ def residuals(packed, cylinder, out):
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def normal_equations(packed, cylinder, cut, sums):
-    """Sums of the normal equations in (centre x, y; slope x, y; radius), robustly weighed.
+    """Sums of the normal equations in (centre x, y; slope x, y; radius) of a round wall, robustly weighed.
 
     The weight (1 - (e / cut)^4)^2 is flatter at the top than Tukey's biweight and falls more steeply, so that less is
     lost on the wall and less taken from what lies just beyond it. A ray meets the wall at h, with the normal n = h / r;
     a change (c, s, R) of the cylinder moves the residual by -(n.c + h_z n.s + R) / (n.d sigma).
     """
-    cx, cy, cz, ax, ay, az, radius, o1, o2 = cylinder
+    cx, cy, cz, ax, ay, az, radius, _, _ = cylinder
     e0, e1, e2, f0, f1, f2 = across(cylinder)
-    per_cut2 = 1.0 / (cut * cut)
+    per_cut2, r2, per_r = 1.0 / (cut * cut), radius * radius, 1.0 / radius
     h00 = h01 = h11 = h02 = h03 = h13 = h22 = h23 = h33 = h04 = h14 = h24 = h34 = h44 = 0.0
     g0 = g1 = g2 = g3 = g4 = weight = 0.0
     for i in range(packed.shape[1]):
@@ -79,19 +102,19 @@ def normal_equations(packed, cylinder, cut, sums):
         dx, dy, dz = packed[3, i], packed[4, i], packed[5, i]
         x, y, z = e0 * px + e1 * py + e2 * pz, f0 * px + f1 * py + f2 * pz, ax * px + ay * py + az * pz
         u, v, w = e0 * dx + e1 * dy + e2 * dz, f0 * dx + f1 * dy + f2 * dz, ax * dx + ay * dy + az * dz
-        rho2 = x * x + y * y + TINY
-        r = radius + (o1 * (x * x - y * y) + 2.0 * o2 * x * y) / rho2
-        b, a, c = x * u + y * v, u * u + v * v, rho2 - r * r
+        b, a, c = x * u + y * v, u * u + v * v, x * x + y * y - r2
         facing2 = max(b * b - a * c, TINY)
         root = np.sqrt(facing2)
-        t = -c / max(b + root, TINY)
+        far = max(b + root, TINY)
+        per_both = 1.0 / (far * facing2)  # one division serves both
+        t = -c * facing2 * per_both
         e = t * packed[6, i]
         part = e * e * per_cut2
         q = max(1.0 - part * part, 0.0)
         q *= q * packed[7, i]
-        k = q * packed[6, i] * packed[6, i] * (r * r) / facing2
-        beyond = -t * root / r
-        nx, ny, hz = (x + t * u) / r, (y + t * v) / r, z + t * w
+        k = q * packed[6, i] * packed[6, i] * r2 * far * per_both
+        beyond = -t * root * per_r
+        nx, ny, hz = (x + t * u) * per_r, (y + t * v) * per_r, z + t * w
         kx, ky, z2 = k * nx, k * ny, hz * hz
         xx, xy, yy = kx * nx, kx * ny, ky * ny
         h00, h01, h11 = h00 + xx, h01 + xy, h11 + yy
@@ -141,7 +164,7 @@ def _unfold(sums, H, g):
 
 @njit(cache=True)
 def _normal_matrix_one_by_one(packed, cylinder, cut, H, g):
-    """The same point by point and term by term, with ovality's two: slower, and the reference of the fast one."""
+    """The same point by point and term by term, for an oval wall too: slower, and the reference of the fast one."""
     terms = g.size
     H[:], g[:] = 0.0, 0.0
     e0, e1, e2, f0, f1, f2 = across(cylinder)

@@ -40,8 +40,8 @@ def solved(cylinder, start, known, variance, H, g, step):
 
 
 @njit(cache=True)
-def settled(packed, cylinder, scale, start, known, first_judged, H):
-    """Steps over the points in cells of wall until one is short beside its own uncertainty.
+def settled(packed, cylinder, scale, start, known, first_judged, close, H):
+    """Steps over the points in cells of wall until one is `close`: so short beside its own uncertainty.
 
     The cells are judged anew before each of the first steps, the scale before all.
     """
@@ -73,7 +73,7 @@ def settled(packed, cylinder, scale, start, known, first_judged, H):
         for a in range(terms):
             for b in range(terms):
                 length2 += step[a] * H[a, b] * step[b]
-        if k > 0 and length2 < (CLOSE * scale) ** 2 and changed <= CHANGED_PART * wall.size:
+        if k > 0 and length2 < (close * scale) ** 2 and changed <= CHANGED_PART * wall.size:
             return cylinder, scale, weight, cells, DONE
     return cylinder, scale, weight, cells, UNSETTLED
 
@@ -131,7 +131,9 @@ def settle(xyz, direction, sigma, packed, cylinder, scale, start, known, first_j
     n, terms = xyz.shape[0], known.shape[0]
     H, kept = np.zeros((terms, terms)), np.zeros(n, dtype=np.bool_)
     share = packed.shape[1] / n
-    cylinder, scale, weight, cells, status = settled(packed, cylinder, scale, start, known * share, first_judged, H)
+    cylinder, scale, weight, cells, status = settled(
+        packed, cylinder, scale, start, known * share, first_judged, CLOSE, H
+    )
     if status == DONE and packed.shape[1] < n:
         cylinder, weight = finished(xyz, direction, sigma, cylinder, scale, cells, start, known, H, kept)
     elif status == DONE:

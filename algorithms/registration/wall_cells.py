@@ -14,13 +14,14 @@ SAMPLE = 6
 SAMPLES, FEW_SAMPLES = 200, 100
 ROUNDS, CLOSE = 5, 2.0
 CELL_CUT = 6.0
+EVEN_SPREAD = 1.732  # half the length over the standard deviation of an even distribution
 CELL_SIGMAS = 3.5
 NEAR_SIGMAS, FAR_SIGMAS, MOST_BESIDE = 3.0, 8.0, 0.1
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def find_cells(packed, cylinder, low, high, around, along, cell):
-    """The cell of every point: equal steps along the axis from `low` to `high`, -1 beyond, and around it.
+    """The cell of every point: equal steps along the axis from `low` to `high`, the end ones open, and around it.
 
     Around it they are equal steps of y / (|x| + |y|): an angle without an arc tangent.
     """
@@ -33,8 +34,7 @@ def find_cells(packed, cylinder, low, high, around, along, cell):
         row = (ax * px + ay * py + az * pz - low) * per_row
         turn = y / (abs(x) + abs(y) + 1e-12)
         turn = 0.25 * around * (1.0 - turn if x < 0.0 else 3.0 + turn)
-        place = np.int32(min(turn, around - 1.0)) * along + np.int32(min(max(row, 0.0), along - 1.0))
-        cell[i] = place if 0.0 <= row < along else -1
+        cell[i] = np.int32(min(turn, around - 1.0)) * along + np.int32(min(max(row, 0.0), along - 1.0))
 
 
 @njit(cache=True)
@@ -51,8 +51,6 @@ def _places(packed, cylinder, cell, cells, rho):
         z = cylinder[3] * px + cylinder[4] * py + cylinder[5] * pz
         rho[i] = np.sqrt(x * x + y * y) + 1e-12
         c = cell[i]
-        if c < 0:
-            continue
         nx, ny = x / rho[i], y / rho[i]
         count[c] += 1.0
         place[c, 0] += nx
@@ -70,7 +68,7 @@ def _places(packed, cylinder, cell, cells, rho):
 
 @njit(cache=True, fastmath=True)
 def reach(packed, cylinder):
-    """From where to where along the axis the points lie: two standard deviations either way hold evenly spread ones."""
+    """From where to where along the axis most points lie, if they are evenly spread."""
     total, squares = 0.0, 0.0
     for i in range(packed.shape[1]):
         z = (
@@ -81,7 +79,7 @@ def reach(packed, cylinder):
         total += z
         squares += z * z
     middle = total / packed.shape[1]
-    half = 2.0 * np.sqrt(max(squares / packed.shape[1] - middle * middle, 0.0)) + 1e-6
+    half = EVEN_SPREAD * np.sqrt(max(squares / packed.shape[1] - middle * middle, 0.0)) + 1e-6
     return middle - half, middle + half
 
 
@@ -93,9 +91,8 @@ def _cell_medians(cell, rho, radius, count):
         first[c + 1] = first[c] + int(count[c])
     fill, values = first[:-1].copy(), np.empty(cell.size)
     for i in range(cell.size):
-        if cell[i] >= 0:
-            values[fill[cell[i]]] = rho[i] - radius
-            fill[cell[i]] += 1
+        values[fill[cell[i]]] = rho[i] - radius
+        fill[cell[i]] += 1
     height = np.zeros(count.size)
     for c in range(count.size):
         if count[c] >= FEWEST_IN_CELL:
@@ -104,15 +101,17 @@ def _cell_medians(cell, rho, radius, count):
 
 
 @njit(cache=True)
-def _linear(place, height, weight, rows, radius_weight, step):
+def _linear(place, height, weight, rows, radius_weight, H, g, step):
     """Least-squares change of the cylinder over some cells."""
     n = step.size
-    H, g = np.zeros((n, n)), np.zeros(n)
+    H[:], g[:] = 0.0, 0.0
     for c in rows:
+        w, h = weight[c], height[c]
         for a in range(n):
-            g[a] += weight[c] * place[c, a] * height[c]
+            wa = w * place[c, a]
+            g[a] += wa * h
             for b in range(a + 1):
-                H[a, b] += weight[c] * place[c, a] * place[c, b]
+                H[a, b] += wa * place[c, b]
     for a in range(n):
         for b in range(a):
             H[b, a] = H[a, b]
@@ -144,7 +143,7 @@ def _cost(place, height, weight, rows, step, cut, best):
 def _best_step(place, height, weight, rows, cut, radius, nominal, radius_std, terms, samples):
     """RANSAC over cells, where a hypothesis is linear and so costs next to nothing; then polished on those it keeps."""
     ones = np.ones(weight.size)
-    best, step = np.zeros(terms), np.empty(terms)
+    best, step, H, g = np.zeros(terms), np.empty(terms), np.empty((terms, terms)), np.empty(terms)
     best_cost = _cost(place, height, weight, rows, best, cut, np.inf)
     sample = np.empty(SAMPLE + terms - 5, dtype=np.int64)
     state = np.uint64(20230139)  # the sampling is part of the method: the same points give the same pose
@@ -152,7 +151,7 @@ def _best_step(place, height, weight, rows, cut, radius, nominal, radius_std, te
         for k in range(sample.size):
             state = state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
             sample[k] = rows[int((state >> np.uint64(33)) % np.uint64(rows.size))]
-        if not _linear(place, height, ones, sample, (cut / CELL_CUT / radius_std) ** 2, step):
+        if not _linear(place, height, ones, sample, (cut / CELL_CUT / radius_std) ** 2, H, g, step):
             continue
         if abs(radius + step[4] - nominal) > 4.0 * radius_std:
             continue
@@ -166,7 +165,7 @@ def _best_step(place, height, weight, rows, cut, radius, nominal, radius_std, te
         for c in rows:
             u = _height_left(place, height, best, c) / wide
             kept[c] = weight[c] * max(1.0 - u * u, 0.0) ** 2
-        if not _linear(place, height, kept, rows, 1e-9, step):
+        if not _linear(place, height, kept, rows, 1e-9, H, g, step):
             break
         best[:] = step
         wide = max(cut, 0.7 * wide)
@@ -211,14 +210,13 @@ def is_wall(cell, residual, scale, cells):
     """
     count, near, total, beside = np.zeros(cells), np.zeros(cells), np.zeros(cells), np.zeros(cells)
     for i in range(cell.size):
-        if cell[i] >= 0:
-            far = abs(residual[i]) / scale
-            count[cell[i]] += 1.0
-            if far < NEAR_SIGMAS:
-                near[cell[i]] += 1.0
-                total[cell[i]] += residual[i]
-            elif far < FAR_SIGMAS:
-                beside[cell[i]] += 1.0
+        far = abs(residual[i]) / scale
+        count[cell[i]] += 1.0
+        if far < NEAR_SIGMAS:
+            near[cell[i]] += 1.0
+            total[cell[i]] += residual[i]
+        elif far < FAR_SIGMAS:
+            beside[cell[i]] += 1.0
     wall = beside <= 1.0 + MOST_BESIDE * count
     enough = wall & (near > FEWEST_IN_CELL)
     if enough.sum() < FEWEST_CELLS:
@@ -235,4 +233,4 @@ def is_wall(cell, residual, scale, cells):
 def keep_wall(packed, cell, wall):
     """Let only the points count that lie in cells of wall."""
     for i in range(cell.size):
-        packed[7, i] = 1.0 if cell[i] < 0 or wall[cell[i]] else 0.0
+        packed[7, i] = 1.0 if wall[cell[i]] else 0.0

@@ -106,8 +106,13 @@ def draw_pose(case: FrameCase, rng: np.random.Generator) -> Float[np.ndarray, "4
     return transform(R, np.array([case.offset_mm * np.cos(towards), case.offset_mm * np.sin(towards), 0.0]))
 
 
-def make_frame(case: FrameCase, T_pipe_camera: Float[np.ndarray, "4 4"], rng: np.random.Generator) -> TrueFrame:
-    """Points where the light of each ring meets the wall, seen from a pose; azimuths are random over the arc."""
+def make_frame(
+    case: FrameCase, T_pipe_camera: Float[np.ndarray, "4 4"], rng: np.random.Generator, noise_rng: np.random.Generator
+) -> TrueFrame:
+    """Points where the light of each ring meets the wall, seen from a pose; azimuths are random over the arc.
+
+    `rng` draws where arc and patch lie and which azimuths are seen, `noise_rng` the errors.
+    """
     at = case.ahead_mm + np.linspace(-0.5, 0.5, case.rings) * case.length_mm
     half_angle = np.arctan2(case.radius_mm, at - APEX_MM[2])
     patch = _patch(case, rng)
@@ -118,13 +123,16 @@ def make_frame(case: FrameCase, T_pipe_camera: Float[np.ndarray, "4 4"], rng: np
         azimuth, alpha = begin + part * np.radians(case.arc_deg), half_angle[ring]
         light = np.column_stack([np.sin(alpha) * np.sin(azimuth), -np.sin(alpha) * np.cos(azimuth), np.cos(alpha)])
         deep = patch(part, ring)
-        reach = np.where(deep, _range_mm(light, T_pipe_camera, case, case.defect_depth_mm), 0.0)
-        reach = np.where(deep, reach, _range_mm(light, T_pipe_camera, case, 0.0))
+        reach = np.where(
+            deep,
+            _range_mm(light, T_pipe_camera, case, case.defect_depth_mm),
+            _range_mm(light, T_pipe_camera, case, 0.0),
+        )
         seen = (reach < FARTHEST_MM) & (APEX_MM[2] + reach * light[:, 2] > 0)
         rows.append((light[seen], reach[seen], ring[seen], deep[seen]))
         missing -= int(seen.sum())
     light, reach, ring, deep = (np.concatenate(part) for part in zip(*rows, strict=True))
-    return _measured(case, T_pipe_camera, light, reach, ring, deep, rng)
+    return _measured(case, T_pipe_camera, light, reach, ring, deep, noise_rng)
 
 
 def _patch(case: FrameCase, rng: np.random.Generator):

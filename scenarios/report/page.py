@@ -32,13 +32,13 @@ def write_report(run: Run, file: Path) -> None:
     every = rows(run)
     sections = {
         "defects": ("Defects, measured beside true", defect_table(run, every)),
-        "map": ("Wall map", _figure(wall_map(run, every))),
+        "map": ("Wall map", figure_html(wall_map(run, every))),
         "not-seen": ("What was not seen", _list(not_seen(run))),
         "profiles": ("Depth profiles", _profiles(run, every)),
-        "space": ("The pipe in space", _figure(pipe_in_space(run))),
+        "space": ("The pipe in space", figure_html(pipe_in_space(run))),
         "score": ("Score", score_tables(run) + f'<p class="note"><b>Oracle.</b> {escape(oracle(run))}</p>'),
-        "pose": ("Pose errors", _figure(errors_over_distance(run))),
-        "path": ("The true path", _figure(true_path(run))),
+        "pose": ("Pose errors", figure_html(errors_over_distance(run))),
+        "path": ("The true path", figure_html(true_path(run))),
         "frames": ("Frames and pictures", _frames(run)),
         "settings": ("Settings", _settings(run)),
     }
@@ -84,7 +84,8 @@ in degrees, clock positions in h:mm.</footer>
 """
 
 
-def _figure(picture: Picture, scrolls: bool = True) -> str:
+def figure_html(picture: Picture, scrolls: bool = True) -> str:
+    """A picture with its caption."""
     size = f'width="{picture.width_px}" height="{picture.height_px}"'
     image = f'<img src="{picture.source}" {size} alt="{escape(picture.alt)}">'
     inside = f'<div class="scroll" tabindex="0">{image}</div>' if scrolls else image
@@ -98,21 +99,21 @@ def _list(lines: list[str]) -> str:
 def _profiles(run: Run, every: list[Row]) -> str:
     if not every:
         return "<p>No defect to show.</p>"
-    shown = "".join(_figure(profiles(run, row)) for row in every[:MOST_PROFILES])
+    shown = "".join(figure_html(profiles(run, row)) for row in every[:MOST_PROFILES])
     rest = len(every) - MOST_PROFILES
     return shown + (f"<p>{rest} further defects are in the table only.</p>" if rest > 0 else "")
 
 
 def _frames(run: Run) -> str:
     pictures = [picture for sample in run.samples for picture in sample_pictures(run, sample)]
-    shown = "".join(_figure(picture, scrolls=False) for picture in pictures)
+    shown = "".join(figure_html(picture, scrolls=False) for picture in pictures)
     words = (
         "<p>Decoded slit centres laid over the camera's pictures; neighbouring slits have unlike colours.</p>"
         f'<div class="photographs">{shown}</div>'
         if shown
         else "<p>No pictures to show: at this fidelity slit pixels come straight from the wall, without a picture.</p>"
     )
-    return words + _figure(yield_over_distance(run)) + slit_table(run)
+    return words + figure_html(yield_over_distance(run)) + slit_table(run)
 
 
 def _settings(run: Run) -> str:
