@@ -35,7 +35,8 @@ def fit_cones(points_by_slit: Sequence[Float[np.ndarray, "_ 3"]], start: Rig) ->
     """Robust least-squares cones with a shared apex and axis through the points (camera frame) of each slit.
 
     A point counts by its distance from the camera: the error of a pixel is an angle. `start` needs to be right to some
-    degrees and some centimetres.
+    degrees and some centimetres. What all points of one picture err by (a board's place) the standard deviations leave
+    out.
 
     Raises:
         ConesNotFound: with the reason.
@@ -58,8 +59,17 @@ def fit_cones(points_by_slit: Sequence[Float[np.ndarray, "_ 3"]], start: Rig) ->
         x, scale = found.x, max(1.4826 * float(np.median(np.abs(weight * _beyond_mm(found.x, xyz, slit, R)))), 1e-9)
     if not found.success:
         raise ConesNotFound(f"the fit of the cones did not settle: {found.message}")
+    beyond_mm = _beyond_mm(x, xyz, slit, R)
     J = weight[:, None] * _jacobian(x, xyz, slit, R)
-    return _concluded(x, R, start.projector, scale**2 * np.linalg.pinv(J.T @ J), _beyond_mm(x, xyz, slit, R))
+    return _concluded(x, R, start.projector, _covariance(J, weight * beyond_mm, ROBUST_SIGMAS * scale), beyond_mm)
+
+
+def _covariance(J: Float[np.ndarray, "n terms"], residual_mm: Float[np.ndarray, "n"], f_scale: float) -> np.ndarray:
+    """Huber's sandwich, which needs no point to be as exact as another; points are taken as independent."""
+    part = 1.0 / np.sqrt(1.0 + (residual_mm / f_scale) ** 2)  # of a point's residual, what soft_l1 lets count
+    H = np.linalg.inv((J * part[:, None] ** 3).T @ J)
+    pulled = J * (part * residual_mm)[:, None]
+    return H @ (pulled.T @ pulled) @ H
 
 
 def _checked(

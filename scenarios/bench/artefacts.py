@@ -53,10 +53,8 @@ COLUMNS = {
 
 
 def _steps() -> str:
-    pockets = [
-        f"{{kind: pocket, distance_mm: {250 + 110 * k}, clock_deg: 120, length_mm: 50, width_mm: 40, depth_mm: {depth}}}"
-        for k, depth in enumerate(STEPS_MM)
-    ]
+    plan = "kind: pocket, clock_deg: 120, length_mm: 50, width_mm: 40"
+    pockets = [f"{{{plan}, distance_mm: {250 + 110 * k}, depth_mm: {depth}}}" for k, depth in enumerate(STEPS_MM)]
     return f"pipe.features=[{', '.join(pockets)}]"
 
 
@@ -171,7 +169,7 @@ def ball_bar(scan: Scan, progress: Report) -> Measured:
     for label, settings in contenders().items():
         parts = []
         for frame in registered(scan, points, settings):
-            progress(f"ball-bar, {label}", frame.index + 1, len(points))
+            progress(f"ball-bar, {label}", frame.number + 1, len(points))
             if frame.alignment.converged:
                 parts.append(apply(frame.alignment.T_pipe_camera, frame.points.xyz_mm))
         cloud = np.concatenate(parts) if parts else np.zeros((0, 3))

@@ -58,8 +58,9 @@ def _judged(name: str, xyz: np.ndarray, answer: np.ndarray) -> Row:
         fit = fit_cylinder(xyz)
     except ValueError as error:
         raise BadInput([f"{name}: {error}"]) from error
-    row = {"data": name, "points": len(xyz), **errors(fit, answer)}
-    return {**row, "passes": all(row[key] <= most for key, most in LIMITS.items())}
+    off = errors(fit, answer)
+    passes = all(off[key] <= most for key, most in LIMITS.items())
+    return {"data": name, "points": len(xyz), **off, "passes": passes}
 
 
 def errors(fit: CylinderFit, answer: np.ndarray) -> dict[str, float]:
@@ -67,7 +68,7 @@ def errors(fit: CylinderFit, answer: np.ndarray) -> dict[str, float]:
     place, direction, radius = answer[:3], answer[3:6] / np.linalg.norm(answer[3:6]), answer[6]
     return {
         "position_um": float(np.linalg.norm(np.cross(place - fit.center_mm, fit.axis)) * 1e3),
-        "direction_urad": float(np.arcsin(min(np.linalg.norm(np.cross(direction, fit.axis)), 1.0)) * 1e6),
+        "direction_urad": float(np.arcsin(min(float(np.linalg.norm(np.cross(direction, fit.axis))), 1.0)) * 1e6),
         "radius_um": float(abs(fit.radius_mm - radius) * 1e3),
     }
 

@@ -47,7 +47,7 @@ class Scan:
 class Registered(NamedTuple):
     """One frame by one method, and the milliseconds that its registration took."""
 
-    index: int
+    number: int
     points: RingPoints
     alignment: Alignment
     ms: float
@@ -121,9 +121,7 @@ def judge(scan: Scan, label: str, frames: Iterator[Registered]) -> Judged:
     for index, points, found, ms in frames:
         T_true = scan.T_true[index]
         errors.append(
-            frame_error(
-                scan.scenario.name, scan.scenario.seed, index, label, found, T_true, pipe.bore_radius_mm, ms
-            )
+            frame_error(scan.scenario.name, scan.scenario.seed, index, label, found, T_true, pipe.bore_radius_mm, ms)
         )
         if found.converged:
             kept = points.xyz_mm[on_a_wall(points, T_true, nominal)]

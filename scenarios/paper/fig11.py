@@ -46,16 +46,16 @@ def clouds(scan: Scan, progress: Report) -> Iterator[Cloud]:
     for label, settings in METHODS.items():
         parts, single = [np.zeros((0, 3))], np.zeros((0, 3))
         for frame in registered(scan, points, settings):
-            progress(label, frame.index + 1, len(points))
+            progress(label, frame.number + 1, len(points))
             if frame.alignment.converged:
                 xyz = _placed(scan, frame)
-                parts.append(xyz[frame.index % step :: step])
-                single = xyz if frame.index == shown else single
+                parts.append(xyz[frame.number % step :: step])
+                single = xyz if frame.number == shown else single
         yield Cloud(label, np.concatenate(parts), single)
 
 
 def _placed(scan: Scan, frame: Registered) -> Float[np.ndarray, "n 3"]:
-    real = on_a_wall(frame.points, scan.T_true[frame.index], scan.recording.pipe)
+    real = on_a_wall(frame.points, scan.T_true[frame.number], scan.recording.pipe)
     return apply(frame.alignment.T_pipe_camera, frame.points.xyz_mm[real])
 
 
@@ -121,7 +121,7 @@ def stretched(xyz_mm: Float[np.ndarray, "n 3"], bore_mm: float) -> tuple[float, 
 def _along(axes: Any, xyz: np.ndarray, colors: np.ndarray) -> None:
     """The top view: a pipe that is put together well is one thin circle."""
     axes.scatter(xyz[:, 0], -xyz[:, 1], s=0.6, c=colors, linewidths=0)
-    _square(axes, xyz)
+    _square(axes)
 
 
 def _side(axes: Any, pipe: Pipe, xyz: np.ndarray, colors: np.ndarray, times: float) -> None:
@@ -155,10 +155,10 @@ def _single(axes: Any, cloud: Cloud) -> None:
     words = f"centre {x:+.2f}, {-y:+.2f} mm\nradius {radius:.2f} mm\nnormal {slant:.1f}° off the axis"
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
     axes.text(x, -y - 12, words, ha="center", va="top", fontsize=9, bbox=box)
-    _square(axes, xyz)
+    _square(axes)
 
 
-def _square(axes: Any, xyz: np.ndarray) -> None:
+def _square(axes: Any) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("right (mm)")
     axes.set_ylabel("up (mm)")

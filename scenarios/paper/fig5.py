@@ -28,10 +28,11 @@ Report = Callable[[str, int, int], None]
 
 DEPTH_MM, WALL_MM = 10.16, 12.7
 DEFECT_SIGMAS = 3.0
+POCKET = "kind: pocket, distance_mm: 285, clock_deg: 120, length_mm: 70, width_mm: 35"
 CHANGES = [
     f"pipe.wall_thickness_mm={WALL_MM}",
-    f"pipe.features=[{{kind: pocket, distance_mm: 285, clock_deg: 120, length_mm: 70, width_mm: 35, depth_mm: {DEPTH_MM}}}]",
-    "drive.start_mm=60",
+    f"pipe.features=[{{{POCKET}, depth_mm: {DEPTH_MM}}}]",
+    "drive.start_mm=40",
     "drive.stages=[{to_mm: 185, roll_to_deg: 25}]",
     "sensing.frame_rate_hz=2",
 ]
@@ -60,9 +61,7 @@ def true_depth_mm(scan: Scan, index: int, points: RingPoints) -> Float[np.ndarra
     return np.hypot(hit[:, 0], hit[:, 1]) - pipe.bore_radius_mm
 
 
-def confusion(
-    method: str, inliers: Bool[np.ndarray, "n"], on_defect: Bool[np.ndarray, "n"]
-) -> dict[str, Any]:
+def confusion(method: str, inliers: Bool[np.ndarray, "n"], on_defect: Bool[np.ndarray, "n"]) -> dict[str, Any]:
     """How many points of each kind were set apart or kept, and what share of either is right."""
     counts = [int(np.sum(part)) for part in _parts(inliers, on_defect)]
     apart, defect = counts[0] + counts[2], counts[0] + counts[1]
@@ -125,7 +124,7 @@ def picture(figure: Fig5) -> bytes:
         for one in axes:
             _look(one)
         canvas.suptitle(
-            f"A pocket {DEPTH_MM} mm deep in a 6 inch pipe with a {WALL_MM} mm wall: one frame, points by cylinder RANSAC"
+            f"A pocket {DEPTH_MM} mm deep in a 6 inch pipe with a {WALL_MM} mm wall: one frame and its cylinder fit"
         )
         return to_picture(canvas, "", "").file
 
@@ -154,9 +153,7 @@ def _aligned(axes: Any, figure: Fig5) -> None:
     from matplotlib.lines import Line2D
 
     for frame, color in ((figure.fixed, BLACK), (figure.moving, VERMILION)):
-        axes.scatter(
-            *_drawn(apply(frame.alignment.T_pipe_camera, frame.points.xyz_mm)), s=1.5, c=color, linewidths=0
-        )
+        axes.scatter(*_drawn(apply(frame.alignment.T_pipe_camera, frame.points.xyz_mm)), s=1.5, c=color, linewidths=0)
     marks = [
         Line2D([], [], ls="", marker="o", ms=5, color=color, label=label)
         for color, label in ((BLACK, "fixed frame"), (VERMILION, "moving frame"))
