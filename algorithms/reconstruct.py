@@ -16,7 +16,7 @@ from algorithms.sizing.background import deviation_mm, noise_mm
 from algorithms.sizing.measure import measure_defects
 from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
-from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall
+from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall, WallMap
 from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
@@ -115,19 +115,33 @@ def finish(state: State) -> Reconstruction:
     Raises:
         ReconstructionFailed: when no frame could be registered, with the commonest reason.
     """
+    path, wall = mapped(state)
+    return sized(path, wall, state.rig, state.pipe, state.method)
+
+
+def mapped(state: State) -> tuple[Trajectory, WallMap]:
+    """Close the map.
+
+    Raises:
+        ReconstructionFailed: when no frame could be registered, with the commonest reason.
+    """
     if not any(result.alignment.converged for result in state.results):
         reasons = [result.alignment.reason for result in state.results] or ["there are no frames"]
         raise ReconstructionFailed(f"no frame registered: {max(set(reasons), key=reasons.count)}")
     wall = finish_map(state.builder)
     if not wall.seen.any():
         raise ReconstructionFailed("no point lies where a wall can be; check the nominal pipe and the rig")
+    return trajectory(state.results), wall
+
+
+def sized(path: Trajectory, wall: WallMap, rig: Rig, pipe: NominalPipe, method: Method) -> Reconstruction:
+    """Size the defects of a closed map."""
     deviation = deviation_mm(wall)
     noise = noise_mm(wall, deviation)
-    sizing = state.method.sizing
-    threshold = THRESHOLDS[sizing.threshold.rule](deviation, noise, sizing.threshold)
-    steepest = float(state.rig.projector.slit_half_angles_rad[-1])
-    defects = measure_defects(wall, deviation, threshold, noise, state.pipe, steepest, sizing)
-    return Reconstruction(trajectory(state.results), wall, deviation, noise, threshold, defects)
+    threshold = THRESHOLDS[method.sizing.threshold.rule](deviation, noise, method.sizing.threshold)
+    steepest = float(rig.projector.slit_half_angles_rad[-1])
+    defects = measure_defects(wall, deviation, threshold, noise, pipe, steepest, method.sizing)
+    return Reconstruction(path, wall, deviation, noise, threshold, defects)
 
 
 def trajectory(results: list[FrameResult]) -> Trajectory:

@@ -13,6 +13,7 @@ import typer
 
 from scenarios.bench.commands import app as bench_commands
 from scenarios.paper.commands import app as paper_commands
+from scenarios.study import commands as study_commands
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
@@ -36,6 +37,9 @@ Changes = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="Change one setting, as pipe.features.0.depth_mm=3; may repeat."),
 ]
+MethodFile = Annotated[
+    Path | None, typer.Option("--method", metavar="FILE", help="Measure by these settings, as `tune` writes them.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Jobs = Annotated[int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")]
 
@@ -52,17 +56,26 @@ def run(
     out: OutFolder = None,
     seed: Seed = None,
     changes: Changes = None,
+    method: MethodFile = None,
     as_json: AsJson = False,
     jobs: Jobs = None,
 ) -> None:
     """Run a scenario and print its score and where the report is."""
-    _run(scenario, out, seed, changes or [], as_json, jobs)
+    _run(scenario, out, seed, changes or [], as_json, jobs, method)
 
 
-def _run(name: str, out: Path | None, seed: int | None, changes: list[str], as_json: bool, jobs: int | None) -> None:
+def _run(
+    name: str,
+    out: Path | None,
+    seed: int | None,
+    changes: list[str],
+    as_json: bool,
+    jobs: int | None,
+    method: Path | None = None,
+) -> None:
     from scenarios.load import load_scenario
 
-    scenario = load_scenario(name, changes, seed)
+    scenario = load_scenario(name, changes, seed, method)
     from scenarios.progress import Progress
     from scenarios.run import run as run_scenario
 
@@ -176,6 +189,9 @@ def doctor(as_json: AsJson = False) -> None:
             print(f"{state:<7}  {item.name}: {item.seen}{mend}")
     if not all(item.ok or item.optional for item in checks):
         raise typer.Exit(FAILED)
+
+
+study_commands.register(app)
 
 
 def _cores() -> int:

@@ -86,7 +86,7 @@ def nearest(name: Any, names: Sequence[str]) -> str:
     return f"; did you mean {near[0]}" if near else ""
 
 
-def read_file(path: Path, called: str | None = None) -> Document:
+def read_file(path: Path, called: str | None = None, kind: str = "scenario") -> Document:
     """Read a YAML file; duplicate keys, aliases and tags come back as the document's faults.
 
     Raises:
@@ -95,17 +95,17 @@ def read_file(path: Path, called: str | None = None) -> Document:
     source = called or str(path)
     try:
         if path.is_dir():
-            raise BadInput([f"{source}: got a folder; give a scenario file (.yaml)"])
+            raise BadInput([f"{source}: got a folder; give a {kind} file (.yaml)"])
         if not path.is_file():
             why = "got something that is no plain file" if path.exists() else "no such file"
             names = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-            raise BadInput([f"{source}: {why}; give a scenario file (.yaml){nearest(path.name, names)}"])
+            raise BadInput([f"{source}: {why}; give a {kind} file (.yaml){nearest(path.name, names)}"])
         with path.open("rb") as file:
             raw = file.read(LARGEST_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
         raise BadInput([f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}"]) from error
     if len(raw) > LARGEST_FILE_BYTES:
-        raise BadInput([f"{source}: got more than {LARGEST_FILE_BYTES / 1e6:g} MB; a scenario is smaller"])
+        raise BadInput([f"{source}: got more than {LARGEST_FILE_BYTES / 1e6:g} MB; a {kind} is smaller"])
     return parse(_decoded(raw, source), source)
 
 
@@ -234,8 +234,8 @@ def with_settings(document: Document, changes: Sequence[str], flag: str = "--set
     Raises:
         BadInput: naming every change that is not understood.
     """
-    data, faults = copy.deepcopy(document.data), []
-    places, key_places = dict(document.value_places), dict(document.key_places)
+    values: list[tuple[str, Any, str]] = []
+    faults: list[str] = []
     for change in changes:
         path, equals, text = change.partition("=")
         place = f"{flag} {path}".strip()
@@ -244,24 +244,66 @@ def with_settings(document: Document, changes: Sequence[str], flag: str = "--set
             continue
         try:
             new = parse(text, place, fixed_place=place) if text.strip() else Document(place, None, {}, {})
-            keys = _put(data, path.split("."), new.data, place)
         except BadInput as error:
             faults += error.lines
             continue
         faults += new.faults
+        values.append((path, new.data, place))
+    try:
+        document = with_values(document, values)
+    except BadInput as error:
+        faults += error.lines
+    if faults:
+        raise BadInput(faults)
+    return document
+
+
+def with_values(document: Document, values: Sequence[tuple[str, Any, str]]) -> Document:
+    """The document with values laid over it, each given as its path, itself, and the place that messages name.
+
+    Raises:
+        BadInput: naming every path that cannot be followed.
+    """
+    data, faults = copy.deepcopy(document.data), []
+    places, key_places = dict(document.value_places), dict(document.key_places)
+    for path, value, place in values:
+        try:
+            keys = put(data, path.split("."), copy.deepcopy(value), place)
+        except BadInput as error:
+            faults += error.lines
+            continue
         for length in range(len(keys)):
             places.setdefault(keys[: length + 1], place)
         for table in (places, key_places):
             for old in [old for old in table if old[: len(keys)] == keys]:
                 del table[old]
-        places |= {(*keys, *below): place for below in ((), *new.value_places)}
-        key_places |= {(*keys, *below): place for below in ((), *new.key_places)}
+        below = [(*keys, *rest) for rest in _keys_below(value)]
+        places |= dict.fromkeys(below, place)
+        key_places |= dict.fromkeys(below, place)
     if faults:
         raise BadInput(faults)
     return Document(document.source, data, places, key_places, document.faults)
 
 
-def _put(data: Any, names: list[str], value: Any, place: str) -> Keys:
+def with_part(document: Document, key: str, part: Document) -> Document:
+    """The document with another one as the value of a key; its values keep their own places."""
+    laid = with_values(document, [(key, part.data, part.source)])
+    values, keys = (
+        {**old, **{(key, *below): place for below, place in new.items()}}
+        for old, new in ((laid.value_places, part.value_places), (laid.key_places, part.key_places))
+    )
+    return Document(document.source, laid.data, values, keys, (*document.faults, *part.faults))
+
+
+def _keys_below(value: Any) -> Iterator[Keys]:
+    """The keys of a value itself, and of all within it."""
+    yield ()
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from ((key, *rest) for rest in _keys_below(item))
+
+
+def put(data: Any, names: list[str], value: Any, place: str) -> Keys:
     """Set one value in nested data, in place, and return the keys that lead to it."""
     keys: Keys = ()
     for name in names:

@@ -13,8 +13,20 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.representer import SafeRepresenter
 
-from scenarios.document import BadInput, Document, Keys, dotted, nearest, parse, read_file, shown, with_settings
+from scenarios.document import (
+    BadInput,
+    Document,
+    Keys,
+    dotted,
+    nearest,
+    parse,
+    read_file,
+    shown,
+    with_part,
+    with_settings,
+)
 from scenarios.scenario import Scenario
+from sensor_model.rig import AnySettings
 from twin.drives import AnyDrive
 from twin.features import AnyFeature
 from twin.features.base import HALF_BOX_ARC, HALF_BOX_Z, Feature
@@ -23,7 +35,9 @@ from twin.simulate import check_room
 
 __all__ = [
     "BadInput",
+    "checked",
     "cross_checks",
+    "fault_lines",
     "library",
     "load_scenario",
     "parse",
@@ -74,13 +88,18 @@ def library() -> dict[str, Path]:
     return {path.stem: path for path in sorted(LIBRARY.glob("*.yaml"))}
 
 
-def load_scenario(name_or_path: str, changes: Sequence[str] = (), seed: int | None = None) -> Scenario:
-    """Read a scenario, with `path.to.field=value` changes and another seed laid over it.
+def load_scenario(
+    name_or_path: str, changes: Sequence[str] = (), seed: int | None = None, method: Path | None = None
+) -> Scenario:
+    """Read a scenario, with another method, `path.to.field=value` changes and another seed laid over it, in this order.
 
     Raises:
         BadInput: with a line for every fault, `file:line:column: field.path: got VALUE; what is allowed`.
     """
-    document = with_settings(read_scenario_file(name_or_path), changes)
+    document = read_scenario_file(name_or_path)
+    if method is not None:
+        document = with_part(document, "method", read_file(method, kind="method"))
+    document = with_settings(document, changes)
     if seed is not None:
         document = with_settings(document, [f"seed={seed}"], flag="--seed")
     return to_scenario(document)
@@ -109,35 +128,56 @@ def to_scenario(document: Document) -> Scenario:
     Raises:
         BadInput: with a line for every fault.
     """
-    data, lines = _frozen(document.data), list(document.faults)
+    data, lines = _frozen(document.data), document.faults
     faults: list[Fault] = []
     if not isinstance(data, dict):
         raise BadInput([*lines, _line(document, Fault((), shown(data), "a scenario is a mapping of keys to values"))])
     try:
         scenario = Scenario.model_validate(data, strict=True)
     except ValidationError:
-        faults = _faults(_all_errors(data), data)
+        faults = _faults(_all_errors(data), data, Scenario)
     faults += cross_checks(*_sound_parts(data))
     if not faults:
         faults += whole_checks(scenario)
     if not faults and not lines:
         return scenario
+    raise BadInput(fault_lines(document, faults))
+
+
+def fault_lines(document: Document, faults: list[Fault]) -> list[str]:
+    """The faults as lines in the order of the file, with those that reading it found."""
+    lines = list(document.faults)
     said = {line.split(": ")[0] for line in lines}  # an alias, say, is not a wrong type as well
     lines += [line for fault in faults if (line := _line(document, fault)).split(": ")[0] not in said]
     lines.sort(key=lambda line: _where(line, document.source))
     if len(lines) > MOST_LINES:
         lines[MOST_LINES:] = [f"{document.source}: and {len(lines) - MOST_LINES} more"]
-    raise BadInput(lines)
+    return lines
+
+
+def checked(kind: type[AnySettings], data: Any, at: Keys = ()) -> tuple[AnySettings | None, list[Fault]]:
+    """Settings of any kind out of a file's data, or else what is wrong with them; `at` is where they stand in it."""
+    data = _frozen(data)
+    try:
+        return kind.model_validate(data, strict=True), []
+    except ValidationError as error:
+        faults = _faults(error.errors(include_url=False), data, kind)  # type: ignore[arg-type]
+        return None, [fault._replace(keys=(*at, *fault.keys)) for fault in faults]
 
 
 def scenario_yaml(scenario: Scenario) -> str:
     """The scenario with every setting written out, as YAML that reads back to the same scenario."""
+    return settings_yaml(scenario)
+
+
+def settings_yaml(settings: BaseModel) -> str:
+    """Settings of any kind written out, as YAML that reads back to the same."""
     yaml = YAML(typ="safe", pure=True)
     yaml.Representer = _ShortLists
     yaml.default_flow_style, yaml.width = False, 110
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # its None is a default
     text = StringIO()
-    yaml.dump(scenario.model_dump(mode="json"), text)
+    yaml.dump(settings.model_dump(mode="json"), text)
     return text.getvalue()
 
 
@@ -279,9 +319,9 @@ def _errors_of(data: dict) -> list[dict]:
     return []
 
 
-def _faults(errors: list[dict], data: dict) -> list[Fault]:
+def _faults(errors: list[dict], data: Any, root: type[BaseModel]) -> list[Fault]:
     """The errors as faults; a required key that is only misspelt is not said to be missing as well."""
-    located = [(*_located(error["loc"], data), error) for error in errors]
+    located = [(*_located(error["loc"], data, root), error) for error in errors]
     misspelt = set()
     for keys, model, error in located:
         if error["type"] == "extra_forbidden" and model is not None:
@@ -291,17 +331,17 @@ def _faults(errors: list[dict], data: dict) -> list[Fault]:
         for keys, model, error in located
         if error["type"] != "missing" or (*keys[:-1], f"; did you mean {keys[-1]}") not in misspelt
     ]
-    return [_fault(keys, model, error) for keys, model, error in kept]
+    return [_fault(keys, model, error, root) for keys, model, error in kept]
 
 
-def _located(loc: tuple, data: Any) -> tuple[Keys, type[BaseModel] | None]:
+def _located(loc: tuple, data: Any, root: type[BaseModel]) -> tuple[Keys, type[BaseModel] | None]:
     """The keys of an error as the file has them, and the settings class that the last of them belongs to.
 
     Pydantic puts the kind of a union's member into the path; the file has no such level.
     """
     keys: Keys = ()
-    models: list[type[BaseModel]] = [Scenario]
-    owner: type[BaseModel] | None = Scenario
+    models: list[type[BaseModel]] = [root]
+    owner: type[BaseModel] | None = root
     for part in loc:
         kind = data.get("kind") if isinstance(data, dict) else None
         if part == kind and len(models) > 1:
@@ -323,7 +363,7 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
     return [model for part in get_args(annotation) for model in _models_in(part)]
 
 
-def _fault(keys: Keys, model: type[BaseModel] | None, error: dict) -> Fault:
+def _fault(keys: Keys, model: type[BaseModel] | None, error: dict, root: type[BaseModel]) -> Fault:
     """One pydantic error in a person's words."""
     kind, value, context = error["type"], error.get("input"), error.get("ctx", {})
     if kind == "extra_forbidden":
@@ -333,7 +373,7 @@ def _fault(keys: Keys, model: type[BaseModel] | None, error: dict) -> Fault:
     if kind == "missing":
         return Fault(keys, "nothing", WANTED[kind])
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        kinds = _quoted(context.get("expected_tags", "")) or _kinds(keys)
+        kinds = _quoted(context.get("expected_tags", "")) or _kinds(keys, root)
         got = shown(context["tag"]) if "tag" in context else "nothing"
         allowed = f"must be one of {', '.join(kinds)}{nearest(context.get('tag'), kinds)}"
         return Fault((*keys, "kind"), got, allowed)
@@ -358,9 +398,9 @@ def _quoted(text: str) -> list[str]:
     return re.findall(r"'([^']*)'", text)
 
 
-def _kinds(keys: Keys) -> list[str]:
+def _kinds(keys: Keys, root: type[BaseModel]) -> list[str]:
     """The kinds that a union knows, for an error that does not list them."""
-    owner: list[type[BaseModel]] = [Scenario]
+    owner: list[type[BaseModel]] = [root]
     for part in keys:
         if isinstance(part, str) and len(owner) == 1 and part in owner[0].model_fields:
             owner = _models_in(owner[0].model_fields[part].annotation)

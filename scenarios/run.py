@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from algorithms.method import Method
-from algorithms.reconstruct import ReconstructionFailed, begin, finish, see, step
+from algorithms.reconstruct import ReconstructionFailed, State, begin, finish, see, step
 from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
 from scenarios.load import scenario_yaml
@@ -131,19 +131,37 @@ def _reconstructed(
     progress: Report,
 ) -> tuple[Reconstruction, FrameTally, tuple[Sample, ...]]:
     """The fold over the recording, with pictures decoded ahead by the workers and each frame's figures taken."""
-    T_true = truth.pose_at(recording.frame_stamps_ns / 1e9)
-    tally = FrameTally(truth.pipe, scenario.true_rig or scenario.rig)
-    state = begin(recording.rig, recording.pipe, scenario.method)
+    T_true = true_poses(truth, recording)
     kept, samples = set(_sample_indices(truth, T_true)), []
     ahead = 1 if scenario.sensing.fidelity == "points" else workers
     jobs = ((str(recording.folder), index, scenario.method) for index in range(len(recording)))
-    for index, seen in enumerate(spread(_seen, jobs, ahead, peaks_kb)):
-        result = step(state, recording.frame(index), seen)
-        tally_frame(tally, result, T_true[index])
-        if index in kept:
-            samples.append(Sample(index, float(T_true[index, 2, 3]), seen))
-        progress("reconstruct", index + 1, len(recording))
+
+    def watched() -> Iterator[SlitPixels]:
+        for index, seen in enumerate(spread(_seen, jobs, ahead, peaks_kb)):
+            yield seen
+            if index in kept:
+                samples.append(Sample(index, float(T_true[index, 2, 3]), seen))
+            progress("reconstruct", index + 1, len(recording))
+
+    state, tally = fold(scenario, truth, recording, watched())
     return finish(state), tally, tuple(samples)
+
+
+def true_poses(truth: Truth, recording: Recording) -> np.ndarray:
+    """`T_pipe_camera` of every frame, as it really was."""
+    return truth.pose_at(recording.frame_stamps_ns / 1e9)
+
+
+def fold(
+    scenario: Scenario, truth: Truth, recording: Recording, seen: Iterable[SlitPixels]
+) -> tuple[State, FrameTally]:
+    """Measure frame by frame from the slit pixels of each, and take each frame's figures."""
+    T_true = true_poses(truth, recording)
+    tally = FrameTally(truth.pipe, scenario.true_rig or scenario.rig)
+    state = begin(recording.rig, recording.pipe, scenario.method)
+    for index, pixels in enumerate(seen):
+        tally_frame(tally, step(state, recording.frame(index), pixels), T_true[index])
+    return state, tally
 
 
 def _seen(folder: str, index: int, method: Method) -> SlitPixels:

@@ -32,8 +32,13 @@ def spread(
         yield result
 
 
-def _mortal(function: Callable[..., Any], job: tuple) -> tuple[Any, int, int]:
+def die_with_parent() -> None:
+    """Have the kernel kill this process when the thread that started it ends, however that comes about."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def _mortal(function: Callable[..., Any], job: tuple) -> tuple[Any, int, int]:
+    die_with_parent()
     import cv2
 
     cv2.setNumThreads(1)

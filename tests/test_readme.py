@@ -9,6 +9,8 @@ import pytest
 
 from scenarios.load import BadInput, load_scenario
 from scenarios.score import MEANINGS
+from scenarios.study.study import load_study
+from scenarios.study.tune_file import load_tuning
 
 README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
 
@@ -28,6 +30,18 @@ def test_the_example_scenario_is_sound_and_its_faults_are_said_as_shown(tmp_path
     with pytest.raises(BadInput) as faults:
         load_scenario("bad-pipe.yaml")
     assert _block("text", "check bad-pipe.yaml").splitlines()[1:] == str(faults.value).splitlines()
+
+
+def test_the_example_study_is_sound_and_plans_as_many_runs_as_shown(tmp_path):
+    (tmp_path / "depth.yaml").write_text(_block("yaml", "name: depth-and-noise"))
+    study = load_study(tmp_path / "depth.yaml")
+    assert f"planning {study.planned} runs" in _block("text", "pipetwin study depth.yaml")
+    assert f"done {study.planned}, failed 0" in _block("text", "pipetwin study depth.yaml")
+
+
+def test_the_example_tuning_is_sound(tmp_path):
+    (tmp_path / "sizing.yaml").write_text(_block("yaml", "hold_out:"))
+    assert load_tuning(tmp_path / "sizing.yaml").hold_out.planned == 12
 
 
 def test_the_demo_s_table_has_every_figure():

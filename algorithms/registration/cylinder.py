@@ -108,10 +108,18 @@ def _consensus(packed, start, hypotheses):
         cost = _cost(residual, INLIER_SIGMAS)
         if cost < best_cost:
             best, best_cost = candidate, cost
-            clean = max(np.mean(np.abs(residual) < INLIER_SIGMAS) ** SAMPLE, 1e-9)
-            needed = min(float(hypotheses), np.log(MISSED) / np.log1p(-clean) if clean < 1.0 else 1.0)
+            dirty = 1.0 - np.mean(np.abs(residual) < INLIER_SIGMAS) ** SAMPLE
+            needed = min(float(hypotheses), _draws(dirty))
     residuals(some, best, residual)
     return best, max(scale_about_zero(residual), SMALLEST_SCALE)
+
+
+@njit(cache=True)
+def _draws(dirty):
+    """How many samples it takes until one without outliers is as good as sure, if so many of them have some."""
+    if dirty <= MISSED:
+        return 1.0
+    return np.log(MISSED) / np.log(dirty) if dirty < 1.0 else np.inf
 
 
 @njit(cache=True)

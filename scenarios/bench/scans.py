@@ -18,7 +18,7 @@ from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, RingPoints
 from algorithms.wall_map import on_a_wall
 from scenarios.bench.errors import FrameError, frame_error
-from scenarios.run import RunFailed, sensed
+from scenarios.run import RunFailed, sensed, true_poses
 from scenarios.scenario import Scenario
 from scenarios.score import FrameTally, near_defect, tally_shape
 from sensor_model.geometry import apply
@@ -79,7 +79,7 @@ def take_scan(scenario: Scenario, workers: int, progress: Report) -> Scan:
                 progress("decode", len(seen), len(recording))
     except (DriveFailed, ValueError, OSError) as error:
         raise RunFailed(f"{scenario.name}: {error}") from error
-    return Scan(scenario, truth, recording, tuple(seen), truth.pose_at(recording.frame_stamps_ns / 1e9))
+    return Scan(scenario, truth, recording, tuple(seen), true_poses(truth, recording))
 
 
 def _seen(recording: Recording, index: int, method: Method) -> SlitPixels:

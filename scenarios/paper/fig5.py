@@ -15,6 +15,7 @@ from algorithms.registration.cylinder import CylinderSettings
 from algorithms.registration.cylinder_map import CylinderMapSettings
 from algorithms.registration.from_axis import sigma_across_mm
 from algorithms.types import RingPoints
+from algorithms.wall_map import on_a_wall
 from scenarios.bench.scans import Registered, Scan, registered, take_scan, triangulated
 from scenarios.load import load_scenario, scenario_yaml
 from scenarios.report.canvas import BLACK, BLUE, SKY, VERMILION, drawing, to_picture
@@ -22,6 +23,7 @@ from scenarios.report.plain_rows import text_table
 from scenarios.run import provenance
 from scenarios.run_folder import run_folder
 from sensor_model.geometry import apply
+from sensor_model.recording import NominalPipe
 from sensor_model.wall_rays import near_wall, wall_ranges_mm
 
 Report = Callable[[str, int, int], None]
@@ -48,6 +50,7 @@ class Fig5(NamedTuple):
     fixed: Registered
     moving: Registered
     on_defect: Bool[np.ndarray, "n"]
+    pipe: NominalPipe
     rows: list[dict[str, Any]]
 
 
@@ -85,7 +88,7 @@ def isolate(scan: Scan) -> Fig5:
     on_defect = true_depth_mm(scan, index, points[index]) > DEFECT_SIGMAS * sigma
     found = {label: list(registered(scan, points, settings)) for label, settings in METHODS.items()}
     rows = [confusion(label, frames[index].alignment.inliers, on_defect) for label, frames in found.items()]
-    return Fig5(found["cylinder"][0], found["cylinder"][index], on_defect, rows)
+    return Fig5(found["cylinder"][0], found["cylinder"][index], on_defect, scan.recording.pipe, rows)
 
 
 def words(rows: list[dict[str, Any]]) -> str:
@@ -153,7 +156,9 @@ def _aligned(axes: Any, figure: Fig5) -> None:
     from matplotlib.lines import Line2D
 
     for frame, color in ((figure.fixed, BLACK), (figure.moving, VERMILION)):
-        axes.scatter(*_drawn(apply(frame.alignment.T_pipe_camera, frame.points.xyz_mm)), s=1.5, c=color, linewidths=0)
+        T = frame.alignment.T_pipe_camera
+        kept = on_a_wall(frame.points, T, figure.pipe)  # as the chain does before it maps them
+        axes.scatter(*_drawn(apply(T, frame.points.xyz_mm[kept])), s=1.5, c=color, linewidths=0)
     marks = [
         Line2D([], [], ls="", marker="o", ms=5, color=color, label=label)
         for color, label in ((BLACK, "fixed frame"), (VERMILION, "moving frame"))

@@ -18,6 +18,7 @@ PAPER = (
     "IMU-assisted robotic structured light sensing with featureless registration under uncertainties for pipeline "
     "inspection"
 )
+MOST_REASONS = 5
 NEVER_SEEN_SHARE = 0.02  # a clock position seen along less of the scan than this counts as never seen
 
 
@@ -67,6 +68,7 @@ def scanned(run: Run) -> list[tuple[str, str]]:
             f"{len(rig.projector.band_colors)} colour bands (half angles {slits}), {len(run.recording)} frames at "
             f"{sensing.frame_rate_hz:g} frames/s",
         ),
+        ("Radius found", _radius(run)),
         ("Fidelity", FIDELITY.get(sensing.fidelity, sensing.fidelity)),
         ("Calibration", _calibration(run)),
         ("Clock positions", _datum(run)),
@@ -109,6 +111,16 @@ def flat(settings: object, prefix: str = "") -> dict[str, object]:
     return {
         name: leaf for key, value in pairs for name, leaf in flat(value, f"{prefix}.{key}" if prefix else key).items()
     }
+
+
+def _radius(run: Run) -> str:
+    """The radius that the frames show beside the one the measurement was told: a wrong one is not to go unnoticed."""
+    path, told = run.found.trajectory, run.recording.pipe.inner_radius_mm
+    seen = path.radius_mm[path.registered & np.isfinite(path.radius_mm)]
+    if not seen.size:
+        return f"none; told {told:g} mm"
+    middle = float(np.median(seen))
+    return f"{middle:.2f} mm in the median frame, {100 * (middle / told - 1):+.2f} % off the {told:g} mm it was told"
 
 
 def not_seen(run: Run) -> list[str]:
@@ -155,6 +167,10 @@ def not_seen(run: Run) -> list[str]:
             f"{_count(sum(lost.values()), 'frame')} of {len(path.reason)} not registered, whose points are left out: "
             f"{reasons}."
         )
+    weak = Counter(reason for reason, ok in zip(path.reason, path.registered, strict=True) if ok and reason)
+    if weak:
+        reasons = "; ".join(f"{count} x {reason}" for reason, count in weak.most_common(MOST_REASONS))
+        said.append(f"{_count(sum(weak.values()), 'frame')} of {len(path.reason)} registered weakly: {reasons}.")
     if not run.truth.pipe.backed:
         said.append("The wall has no backing: a place that takes the whole wall returns no light and is not seen.")
     return said

@@ -1,0 +1,142 @@
+"""The commands `study`, `tune`, `status`, `export` and `cache`: each parses, calls one function and prints."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+FAILED = 1
+StudyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder that `study` wrote.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Put the commands into the command line."""
+    for command in (study, tune, status, export, cache):
+        app.command()(command)
+
+
+def study(
+    file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (YAML).")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Study folder.  [default: studies/NAME]")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option("--dask", metavar="tcp://HOST:PORT", help="Run on this Dask scheduler's workers.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Go on with an older ledger.")] = True,
+) -> None:
+    """Run what is left of a study, and write its page."""
+    from scenarios.study.conduct import How, conduct
+
+    jobs = jobs or len(os.sched_getaffinity(0))
+    from scenarios.progress import Progress
+
+    progress = Progress()
+
+    def say(line: str) -> None:
+        progress.close()
+        print(line, file=sys.stderr)
+
+    try:
+        folder, counts = conduct(file, out, How(jobs, dask, resume), progress, say)
+    finally:
+        progress.close()
+    print(", ".join(f"{name} {n}" for name, n in counts.items()))
+    print(f"page: {folder / 'study.html'}")
+    if counts["failed"]:
+        say(f"{counts['failed']} runs failed; `pipetwin status {folder}` names them")
+        raise typer.Exit(FAILED)
+
+
+def tune(
+    file: Annotated[Path, typer.Argument(metavar="TUNE", help="A tuning file (YAML).")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder.  [default: tunings/NAME]")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
+    ] = None,
+    storage: Annotated[
+        str | None, typer.Option("--storage", metavar="URL", help="Optuna's database.  [default: SQLite in DIR]")
+    ] = None,
+) -> None:
+    """Search settings on some scans, and judge the winner on others that the search never saw."""
+    from scenarios.study.tune import tune as run_tuning
+
+    jobs = jobs or len(os.sched_getaffinity(0))
+    from scenarios.progress import Progress
+
+    progress = Progress()
+
+    def say(line: str) -> None:
+        progress.close()
+        print(line, file=sys.stderr)
+
+    try:
+        tuned = run_tuning(file, out, jobs, progress, say, storage)
+    finally:
+        progress.close()
+    for verdict in tuned.verdicts:
+        print(f"hold-out, {verdict.fidelity}: {verdict.words}")
+    print(f"method: {tuned.folder / 'method.yaml'}")
+    print(f"page: {tuned.folder / 'tuning.html'}")
+
+
+def status(folder: StudyFolder, as_json: AsJson = False) -> None:
+    """Say how far a study is, and which runs failed."""
+    from scenarios.study.conduct import facts_of
+
+    facts = facts_of(folder)
+    if as_json:
+        print(json.dumps(facts, indent=2))
+        return
+    failures = facts.pop("failures")
+    width = max(map(len, facts))
+    for name, value in facts.items():
+        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+        print(f"{name:<{width}}  {shown}")
+    for failure in failures:
+        print(f"failed: {failure['key']} {failure['method']} seed {failure['seed']}: {failure['error']}")
+    if facts["failed"] > len(failures):
+        print(f"and {facts['failed'] - len(failures)} more; `pipetwin export` has them all")
+
+
+def export(
+    folder: StudyFolder,
+    to: Annotated[Literal["csv", "parquet"], typer.Option("--to", help="Which kind of file.")] = "csv",
+) -> None:
+    """Write a study's rows as `runs` and `defects` tables into its folder."""
+    from scenarios.study.conduct import opened
+    from scenarios.study.export import export as write
+
+    with opened(folder) as ledger:
+        for file in write(ledger, folder, to):
+            print(file)
+
+
+def cache(
+    clean: Annotated[bool, typer.Option("--clean", help="Remove what nobody uses at the moment.")] = False,
+    keep_gb: Annotated[
+        float | None, typer.Option("--keep-gb", metavar="GB", min=0, help="Remove the longest unused beyond this.")
+    ] = None,
+) -> None:
+    """Say what the cache of stages holds, or clean it."""
+    from scenarios.study.cache import GB, Cache, default_folder, default_limit_bytes
+
+    limit = default_limit_bytes()
+    stages = Cache(default_folder(), limit)
+    if clean or keep_gb is not None:
+        freed = stages.prune(0.0 if clean else (keep_gb or 0.0) * GB)
+        print(f"removed {freed / 1e6:.1f} MB")
+    print(f"{stages.folder}, at most {limit / GB:g} GB")
+    for size in stages.sizes():
+        print(f"{size.stage:<10} {size.entries:>7} entries  {size.bytes / 1e6:>10.1f} MB")

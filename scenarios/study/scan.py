@@ -1,0 +1,148 @@
+"""One run of a study: the chain from the drive to the score, each stage out of the cache when it is there."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from algorithms.reconstruct import mapped, see, sized
+from algorithms.types import Reconstruction, Trajectory, WallMap
+from scenarios.matching import match
+from scenarios.run import fold, sensed
+from scenarios.scenario import Scenario, nominal_pipe
+from scenarios.score import FrameTally, score
+from scenarios.study.cache import Cache, default_folder, default_limit_bytes, entry_key
+from scenarios.study.code import code_version
+from scenarios.study.plan import Recipe
+from sensor_model.recording import Recording, SlitPixels, open_recording
+from sensor_model.streams import stream
+from twin.simulate import simulate
+from twin.truth import ARRAYS, Truth
+
+SIZES = ("length_mm", "width_mm", "depth_mm")
+MS_PER_FRAME = "ms_per_frame"
+TALLIED = ("radius_mm", "radius_wall_mm", "center_mm", "center_wall_mm", "normal")
+
+Figures = list[float | int | None]
+Pairs = list[list[float]]
+"""Of each matched defect: true length, width and depth, and the measured ones, mm."""
+
+
+def maker(recipe: dict[str, Any]) -> Callable[[dict[str, Any]], tuple[Figures, Pairs]]:
+    """What makes the runs of a study from the jobs that a worker gets."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    known = Recipe(**{**recipe, "paths": tuple(recipe["paths"]), "record": tuple(recipe["record"])})
+    cache = Cache(default_folder(), default_limit_bytes())
+
+    def make(job: dict[str, Any]) -> tuple[Figures, Pairs]:
+        scenario = known.scenario(job["values"], job["method"], job["seed"])
+        every, pairs, ms = scan(scenario, cache)
+        return [ms if name == MS_PER_FRAME else every[name] for name in known.record], pairs
+
+    return make
+
+
+def scan(scenario: Scenario, cache: Cache) -> tuple[dict[str, Any], Pairs, float]:
+    """The score of one scenario, its matched defects' sizes, and the processor time of a frame from slits to map, ms.
+
+    The time is that of when the map was made, be it now or by an earlier run.
+    """
+    keys = stage_keys(scenario)
+    truth = _truth(scenario, cache, keys["drive"])
+    parts = cache.arrays("map", keys["map"], lambda: _measured(scenario, truth, cache, keys))
+    path, wall, tally = _unpacked(parts, scenario, truth)
+    found = sized(path, wall, scenario.rig, nominal_pipe(scenario), scenario.method)
+    return asdict(score(found, truth, tally)), _pairs(found, truth), float(parts["ms_per_frame"][0])
+
+
+def stage_keys(scenario: Scenario) -> dict[str, str]:
+    """What each stage depends on: its own settings, the stage before, and the code of its rooms."""
+    method, world, every = scenario.method, code_version("world"), code_version("all")
+    drive = entry_key("drive", world, scenario.pipe, scenario.robot, scenario.drive, scenario.seed)
+    rigs = scenario.true_rig or scenario.rig, scenario.rig, nominal_pipe(scenario)
+    recording = entry_key("recording", drive, *rigs, scenario.sensing, scenario.seed)
+    slits = entry_key("slits", recording, every, method.decode)
+    below = method.model_dump(mode="json", exclude={"decode", "sizing"})
+    return {"drive": drive, "recording": recording, "slits": slits, "map": entry_key("map", slits, below)}
+
+
+def _truth(scenario: Scenario, cache: Cache, key: str) -> Truth:
+    def make() -> dict[str, np.ndarray]:
+        truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
+        return {name: getattr(truth, name) for name in ARRAYS}
+
+    return Truth(pipe=scenario.pipe, **cache.arrays("drive", key, make))
+
+
+def _measured(scenario: Scenario, truth: Truth, cache: Cache, keys: dict[str, str]) -> dict[str, np.ndarray]:
+    """Trajectory, map and tally, as arrays."""
+
+    def make(folder: Path) -> None:
+        sensed(scenario, truth, folder, 1, {}, _quiet)
+
+    with cache.entry("recording", keys["recording"], make) as folder:
+        recording = open_recording(folder)
+        start_s = time.process_time()
+        state, tally = fold(scenario, truth, recording, _slit_pixels(scenario, recording, cache, keys["slits"]))
+        took_s = time.process_time() - start_s
+    path, wall = mapped(state)
+    parts = {f"path_{field.name}": np.asarray(getattr(path, field.name)) for field in fields(Trajectory)}
+    parts |= {f"wall_{field.name}": getattr(wall, field.name) for field in fields(WallMap)}
+    parts |= {f"tally_{name}": np.array(getattr(tally, name)) for name in TALLIED}
+    parts |= {MS_PER_FRAME: np.array([1000 * took_s / max(len(path.stamp_ns), 1)])}
+    return {**parts, "tally_points": np.array([tally.points, tally.wrong])}
+
+
+def _slit_pixels(scenario: Scenario, recording: Recording, cache: Cache, key: str) -> Iterator[SlitPixels]:
+    """The slit pixels of every frame; decoding pictures is dear and kept, in `points` they came with the recording."""
+
+    def read() -> Iterator[SlitPixels]:
+        return (see(recording[i], recording.rig, scenario.method) for i in range(len(recording)))
+
+    if scenario.sensing.fidelity == "points":
+        return read()
+    parts = cache.arrays("slits", key, lambda: _packed(list(read())))
+    ends = np.cumsum(parts["count"])
+    cuts = (np.split(parts[name], ends[:-1]) for name in ("pixel", "slit", "sigma_px"))
+    return (SlitPixels(*one) for one in zip(*cuts, strict=True))
+
+
+def _packed(frames: list[SlitPixels]) -> dict[str, np.ndarray]:
+    parts = {name: np.concatenate([getattr(f, name) for f in frames]) for name in ("pixel", "slit", "sigma_px")}
+    return {**parts, "count": np.array([f.slit.size for f in frames])}
+
+
+def _unpacked(parts: dict[str, np.ndarray], scenario: Scenario, truth: Truth) -> tuple[Trajectory, WallMap, FrameTally]:
+    def of(prefix: str) -> dict[str, np.ndarray]:
+        return {name.removeprefix(prefix): part for name, part in parts.items() if name.startswith(prefix)}
+
+    path = of("path_")
+    reason = tuple(str(word) for word in path.pop("reason"))
+    tally = of("tally_")
+    points, wrong = (int(n) for n in tally.pop("points"))
+    rows = {name: list(part) for name, part in tally.items()}
+    rig = scenario.true_rig or scenario.rig
+    return Trajectory(**path, reason=reason), WallMap(**of("wall_")), FrameTally(truth.pipe, rig, points, wrong, **rows)
+
+
+def _pairs(found: Reconstruction, truth: Truth) -> Pairs:
+    """Sizes of the matched defects; what was not measured (an edge that was not seen) is left out."""
+    pipe, pairs = truth.pipe, []
+    for i, j in sorted(match(pipe, found.defects)):
+        true = pipe.features[i].size(pipe.bore_radius_mm)
+        sizes = [float(getattr(which, name)) for which in (true, found.defects[j]) for name in SIZES]
+        if all(map(math.isfinite, sizes)):
+            pairs.append(sizes)
+    return pairs
+
+
+def _quiet(stage: str, done: int, total: int) -> None:
+    """Nobody watches a single run of a study."""

@@ -1,0 +1,403 @@
+"""Tuning: Optuna searches settings on some scans; others, which it never saw, say whether the winner is any better."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from scenarios.document import BadInput
+from scenarios.load import settings_yaml
+from scenarios.run_folder import whole_file
+from scenarios.score import MEANINGS
+from scenarios.study.code import code_version
+from scenarios.study.conduct import LOG, MAKE, Report, Say
+from scenarios.study.engine import Processes
+from scenarios.study.gather import Mean, mean_of
+from scenarios.study.ledger import Job, LedgerFailed, Outcome, full_disk, only_parent
+from scenarios.study.plain import canonical
+from scenarios.study.plan import Recipe, differences, planned_runs, recipe_of
+from scenarios.study.scan import MS_PER_FRAME
+from scenarios.study.study import Study
+from scenarios.study.tune_file import POINTS, Tuning, choices, is_number_range, load_tuning
+
+STORE = "tuning.sqlite"
+METHOD_FILE, RESULT_FILE, PAGE_FILE = "method.yaml", "tuning.json", "tuning.html"
+RECORD = (*MEANINGS, MS_PER_FRAME)
+DIGITS = 6  # of a searched number: more cannot matter, and are hard to read in a settings file
+SLOWEST_MS = 1e6  # what a scan that fails is taken for
+FOLDER = "tunings"
+
+Row = dict[str, float | int | None]
+Values = tuple[Any, ...]
+
+
+class Scores(NamedTuple):
+    """A method's figures on every scan, one row a scan, and the mean of each objective."""
+
+    each: Float[np.ndarray, "scans objectives"]
+    mean: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Winner less default on the hold-out, by objective, and in words whether that is more than noise."""
+
+    fidelity: str
+    default: dict[str, Mean]
+    winner: dict[str, Mean]
+    difference: dict[str, Mean]
+    words: str
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """How a tuning ended."""
+
+    folder: Path
+    settings: dict[str, Any]
+    front: list[dict[str, Any]]
+    importance: dict[str, dict[str, float]]
+    verdicts: list[Verdict]
+
+
+def tune(
+    path: Path, out: Path | None, workers: int, progress: Report, say: Say, storage: str | None = None, make: str = MAKE
+) -> Tuned:
+    """Search, choose, and judge on the hold-out; called again, it goes on where it was.
+
+    Raises:
+        BadInput: when file, folder or storage cannot be used.
+        LedgerFailed: when the disk is full.
+        WorkersFail: when no worker can be started.
+    """
+    tuning = load_tuning(path)
+    folder = out or Path(FOLDER) / tuning.file.name
+    with only_parent(folder), closing(_Bench(tuning, folder, workers, make)) as bench:
+        optuna_study = _opened(tuning, storage or f"sqlite:///{folder.absolute() / STORE}")
+        _search(tuning, bench, optuna_study, progress)
+        front = _front(tuning, optuna_study)
+        chosen = _chosen(front)
+        say(f"{len(front)} settings are on the Pareto front; the winner is trial {chosen['trial']}")
+        verdicts = list(_judged(tuning, bench, chosen["settings"]))
+        tuned = Tuned(folder, chosen["settings"], front, _importance(tuning, optuna_study), verdicts)
+        _write(tuning, tuned)
+    return tuned
+
+
+# ---- making runs
+
+
+class _Bench:
+    """Makes the scans of a setting with worker processes; equal stages come out of the cache."""
+
+    def __init__(self, tuning: Tuning, folder: Path, workers: int, make: str) -> None:
+        self.tuning, self.folder, self.workers, self.make = tuning, folder, workers, make
+        self.engines: dict[str, Processes] = {}
+
+    def close(self) -> None:
+        """End all workers."""
+        for engine in self.engines.values():
+            engine.close()
+
+    def scores(self, study: Study, settings: list[dict[str, Any]], part: slice) -> list[Scores]:
+        """Scores of several settings on some of a study's scans, all made side by side."""
+        scans = list(planned_runs(study, recipe_of(study, "")))[part]
+        paths = (*study.factors, *self.tuning.search)
+        recipe = Recipe(study.base, paths, study.methods, RECORD, code_version())
+        jobs = [
+            Job(f"{i}-{k}", k, scan.method, scan.seed, [*scan.values, *_values(self.tuning, setting)])
+            for k, scan in enumerate(scans)
+            for i, setting in enumerate(settings)
+        ]
+        found = dict(self._outcomes(recipe, jobs))
+        return [self._scores([found[f"{i}-{k}"] for k in range(len(scans))], recipe.base) for i in range(len(settings))]
+
+    def _outcomes(self, recipe: Recipe, jobs: list[Job]) -> Iterator[tuple[str, Row | None]]:
+        with closing(self._engine(recipe).events(jobs)) as events:  # type: ignore[type-var]  # it is a generator
+            for event in events:
+                if not isinstance(event, Outcome):
+                    continue
+                if event.cause == "disk":
+                    raise LedgerFailed(f"{event.error}; {full_disk(self.folder)}")
+                figures = event.figures
+                yield event.key, None if figures is None else dict(zip(RECORD, figures, strict=True))
+
+    def _engine(self, recipe: Recipe) -> Processes:
+        """The engine of a recipe, whose workers wait for the next batch; those of another recipe are let go."""
+        name = canonical(asdict(recipe))
+        if name not in self.engines:
+            self.close()
+            file = self.tuning.file
+            setup = {"make": self.make, "recipe": asdict(recipe), "memory_limit_mb": file.memory_limit_mb}
+            self.engines = {name: Processes(setup, self.workers, file.time_limit_s, self.folder / LOG, keep=True)}
+        return self.engines[name]
+
+    def _scores(self, rows: list[Row | None], base: dict[str, Any]) -> Scores:
+        each = np.array([[_objective(name, row, base) for name in self.tuning.file.objectives] for row in rows])
+        return Scores(each, tuple(float(mean) for mean in each.mean(axis=0)))
+
+
+def _objective(name: str, row: Row | None, base: dict[str, Any]) -> float:
+    """One objective of one scan; a scan that fails, or finds nothing, has every error there is."""
+    features = len(base["pipe"]["features"])
+    deepest = max((float(feature["depth_mm"]) for feature in base["pipe"]["features"]), default=1.0)
+    if name == "depth_error_mm":
+        error = row["depth_error_mm_max"] if row is not None else None
+        return deepest if error is None else float(error)
+    if name == "misses_and_false_calls":
+        if row is None:
+            return float(features + 1)
+        return float((row["defects_true"] or 0) - (row["defects_found"] or 0) + (row["false_calls"] or 0))
+    return SLOWEST_MS if row is None else float(row[MS_PER_FRAME] or 0.0)
+
+
+def _values(tuning: Tuning, setting: dict[str, Any]) -> Values:
+    """What a setting puts at the searched paths, in their order; what it does not say stays the base's."""
+    return tuple(setting[path] if path in setting else _at(tuning.tuning.base, path) for path in tuning.search)
+
+
+def _at(data: Any, path: str) -> Any:
+    for name in path.split("."):
+        data = data[int(name)] if isinstance(data, list) else data[name]
+    return data
+
+
+# ---- the search
+
+
+def _opened(tuning: Tuning, storage: str) -> Any:
+    """The Optuna study in its database, begun or gone on with.
+
+    Raises:
+        BadInput: when the database cannot be used, or holds another tuning.
+    """
+    import optuna
+    from sqlalchemy.exc import SQLAlchemyError
+
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    now = json.loads(canonical(_identity(tuning)))
+    try:
+        # no heartbeat: whose trial is dead we know at once, because we hold the folder
+        store = optuna.storages.RDBStorage(storage)
+        directions: list[Literal["minimize", "maximize"]] = ["minimize"] * len(tuning.file.objectives)
+        study = optuna.create_study(
+            storage=store, study_name=tuning.file.name, directions=directions, load_if_exists=True
+        )
+        was = study.user_attrs.get("identity")
+        if was is None:
+            study.set_user_attr("identity", now)
+        elif changed := list(differences(was, now)):
+            raise BadInput([f"{storage}: was begun with another tuning: {line}" for line in changed[:5]])
+        for trial in study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,)):
+            study.tell(trial.number, state=optuna.trial.TrialState.FAIL)  # its process is dead: we hold the folder
+    except (SQLAlchemyError, optuna.exceptions.OptunaError, ImportError) as error:
+        raise BadInput([f"{storage}: cannot be used: {str(error).splitlines()[0]}"]) from error
+    return study
+
+
+def _identity(tuning: Tuning) -> dict[str, Any]:
+    scans = {
+        name: recipe_of(study, "").base for name, study in (("tuning", tuning.tuning), ("hold_out", tuning.hold_out))
+    }
+    file = tuning.file.model_dump(mode="json", exclude={"name", "why", "trials", "time_limit_s", "memory_limit_mb"})
+    return {**scans, "file": file, "code": code_version()}
+
+
+def _search(tuning: Tuning, bench: _Bench, study: Any, progress: Report) -> None:
+    """Ask for a batch, make its scans, tell what came of it, until there are trials enough.
+
+    The batch and its random numbers do not depend on the workers or on when the search was interrupted.
+    """
+    from optuna.trial import TrialState
+
+    file, done = tuning.file, (TrialState.COMPLETE, TrialState.PRUNED)
+    while (count := len(study.get_trials(deepcopy=False, states=done))) < file.trials:
+        progress("tune", count, file.trials)
+        study.sampler = _sampler(tuning, count)
+        if count == 0 and (default := _default(tuning)) is not None:
+            study.enqueue_trial(default)
+        trials = [study.ask() for _ in range(min(file.batch, file.trials - count))]
+        settings = [_asked(tuning, trial) for trial in trials]
+        for trial, setting in zip(trials, settings, strict=True):
+            trial.set_user_attr("settings", setting)
+        for trial, means in zip(trials, _looked_at(tuning, bench, study, settings), strict=True):
+            if means is None:
+                study.tell(trial, state=TrialState.PRUNED)
+            else:
+                study.tell(trial, list(means))
+    progress("tune", file.trials, file.trials)
+
+
+def _looked_at(
+    tuning: Tuning, bench: _Bench, study: Any, settings: list[dict[str, Any]]
+) -> list[tuple[float, ...] | None]:
+    """Means on all scans; None for what the first scans show to be worse in everything than half of all so far."""
+    first = max(round(tuning.file.first_look * tuning.tuning.planned), 1)
+    early = bench.scores(tuning.tuning, settings, slice(0, first))
+    known = [trial.values for trial in study.get_trials(deepcopy=False) if trial.values is not None]
+    bar = np.median(np.array(known), axis=0) if len(known) >= tuning.file.batch else None
+    kept = [i for i, scores in enumerate(early) if bar is None or not (np.array(scores.mean) > bar).all()]
+    found: list[tuple[float, ...] | None] = [None] * len(settings)
+    if first >= tuning.tuning.planned or not kept:
+        for i in kept:
+            found[i] = early[i].mean
+        return found
+    late = bench.scores(tuning.tuning, [settings[i] for i in kept], slice(first, None))
+    for i, scores in zip(kept, late, strict=True):
+        found[i] = tuple(float(mean) for mean in np.vstack([early[i].each, scores.each]).mean(axis=0))
+    return found
+
+
+def _sampler(tuning: Tuning, count: int) -> Any:
+    """The sampler of one batch, seeded by the search's seed and by how far it is, so that a resumed search goes on."""
+    import optuna
+
+    seed = int.from_bytes(sha256(f"{tuning.file.seed} {count}".encode()).digest()[:4], "big")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return {
+            "tpe": lambda: optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True),
+            "nsga2": lambda: optuna.samplers.NSGAIISampler(seed=seed),
+            "random": lambda: optuna.samplers.RandomSampler(seed=seed),
+        }[tuning.file.sampler]()
+
+
+def _asked(tuning: Tuning, trial: Any) -> dict[str, Any]:
+    """The settings that a trial is about; a choice is known to Optuna by its place in the list."""
+    found: dict[str, Any] = {}
+    for path, factor in tuning.search.items():
+        if not is_number_range(factor):
+            options = choices(factor)
+            found[path] = options[trial.suggest_categorical(path, list(range(len(options))))]
+            continue
+        ends, log = (factor.low, factor.high), factor.scale == "log"  # type: ignore[attr-defined]
+        if factor.whole:  # type: ignore[attr-defined]
+            found[path] = trial.suggest_int(path, int(ends[0]), int(ends[1]), log=log)
+        else:
+            found[path] = float(f"{trial.suggest_float(path, *ends, log=log):.{DIGITS}g}")
+    return found
+
+
+def _default(tuning: Tuning) -> dict[str, Any] | None:
+    """The base's own settings as a trial; None when they lie outside of the search."""
+    found: dict[str, Any] = {}
+    for path, factor in tuning.search.items():
+        value = _at(tuning.tuning.base, path)
+        if is_number_range(factor):
+            if not factor.low <= value <= factor.high:  # type: ignore[attr-defined]
+                return None
+            found[path] = value
+        else:
+            same = [i for i, option in enumerate(choices(factor)) if canonical(option) == canonical(value)]
+            if not same:
+                return None
+            found[path] = same[0]
+    return found
+
+
+# ---- the end
+
+
+def _front(tuning: Tuning, study: Any) -> list[dict[str, Any]]:
+    """The trials that no other is better than in everything."""
+    return [
+        {
+            "trial": trial.number,
+            "settings": trial.user_attrs["settings"],
+            "objectives": dict(zip(tuning.file.objectives, trial.values, strict=True)),
+        }
+        for trial in sorted(study.best_trials, key=lambda trial: trial.number)
+    ]
+
+
+def _chosen(front: list[dict[str, Any]]) -> dict[str, Any]:
+    """The one of the front nearest to the best of each objective, each measured by its spread over the front."""
+    values = np.array([list(one["objectives"].values()) for one in front])
+    spread = np.ptp(values, axis=0)
+    far = np.divide(values - values.min(axis=0), spread, out=np.zeros_like(values), where=spread > 0)
+    return front[int(np.argmin((far**2).sum(axis=1)))]
+
+
+def _judged(tuning: Tuning, bench: _Bench, winner: dict[str, Any]) -> Iterator[Verdict]:
+    """Winner and default on the hold-out, and on a few of its scans in pictures."""
+    yield _verdict(tuning, "points", *bench.scores(tuning.hold_out, [{}, winner], slice(None)))
+    confirm = tuning.confirm
+    if confirm.scans and confirm.fidelity != POINTS["sensing.fidelity"]:
+        base = tuning.hold_out.base
+        pictured = {**base, "sensing": {**base["sensing"], "fidelity": confirm.fidelity}}
+        study = Study(**{**vars(tuning.hold_out), "base": pictured})
+        yield _verdict(tuning, confirm.fidelity, *bench.scores(study, [{}, winner], slice(0, confirm.scans)))
+
+
+def _verdict(tuning: Tuning, fidelity: str, default: Scores, winner: Scores) -> Verdict:
+    names = tuning.file.objectives
+    parts = (default.each, winner.each, winner.each - default.each)
+    means = [{name: mean_of(part[:, k]) for k, name in enumerate(names)} for part in parts]
+    said = []
+    for name, mean in means[2].items():
+        if mean.half is None:
+            said.append(f"{name}: one scan cannot tell ({mean.mean:+.3g}, n = {mean.n})")
+            continue
+        word = "better" if mean.mean < 0 else "WORSE"
+        word = word if abs(mean.mean) > mean.half else "no difference beyond the noise"
+        said.append(f"{name}: {word} ({mean.mean:+.3g} ± {mean.half:.3g}, n = {mean.n})")
+    return Verdict(fidelity, means[0], means[1], means[2], "; ".join(said))
+
+
+def _importance(tuning: Tuning, study: Any) -> dict[str, dict[str, float]]:
+    """How much each setting matters to each objective; empty when there are too few trials to tell."""
+    import optuna
+
+    found = {}
+    for k, name in enumerate(tuning.file.objectives):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # it says how it is meant, on every call
+                found[name] = optuna.importance.get_param_importances(
+                    study,
+                    evaluator=optuna.importance.PedAnovaImportanceEvaluator(),
+                    target=partial(_value, k),
+                )
+        except (ValueError, RuntimeError):
+            found[name] = {}
+    return {
+        name: {path: round(float(share), DIGITS) for path, share in shares.items()} for name, shares in found.items()
+    }
+
+
+def _value(k: int, trial: Any) -> float:
+    return float(trial.values[k])
+
+
+def _write(tuning: Tuning, tuned: Tuned) -> None:
+    """Write the method that the robot loads, all figures, and the page."""
+    from scenarios.study.tune_page import tuning_page
+
+    study = tuning.tuning
+    recipe = Recipe(study.base, tuple(tuning.search), study.methods, RECORD, "")
+    name = next(iter(study.methods))
+    scenario = recipe.scenario(_values(tuning, tuned.settings), name, study.seeds[0])
+    figures = {
+        "settings": tuned.settings,
+        "front": tuned.front,
+        "importance": tuned.importance,
+        "verdicts": [asdict(verdict) for verdict in tuned.verdicts],
+    }
+    texts = {
+        METHOD_FILE: settings_yaml(scenario.method),
+        RESULT_FILE: json.dumps(figures, indent=1, default=lambda mean: mean._asdict()) + "\n",
+        PAGE_FILE: tuning_page(tuning, tuned),
+    }
+    for file, text in texts.items():
+        with whole_file(tuned.folder / file) as work:
+            work.write_text(text, encoding="utf-8")
