@@ -48,7 +48,7 @@ def table1(
 def fig5(
     seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
 ) -> None:
-    """Fig. 5: a defect 10.16 mm deep set apart by RANSAC, point by point against the truth; the wall is 12.7 mm."""
+    """Figure 5: a defect 10.16 mm deep set apart by RANSAC, point by point against the truth; the wall is 12.7 mm."""
     from scenarios.paper.fig5 import run_fig5, words
     from scenarios.progress import Progress
 
@@ -62,7 +62,7 @@ def fig5(
 
 @app.command()
 def fig11(seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, jobs: Jobs = None) -> None:
-    """Fig. 11: the clouds that the registrations leave of one gantry scan, side by side."""
+    """Figure 11: the clouds that the registrations leave of one gantry scan, side by side."""
     from scenarios.paper.fig11 import run_fig11
     from scenarios.progress import Progress
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -160,3 +162,18 @@ def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
     with pytest.raises(BadInput, match="no pipetwin run"):
         fig11.run_fig11("points", None, tmp_path, 1, quiet)
     assert (tmp_path / "letter.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["paper", "table1", "--fidelity", "blurry"],
+        ["paper", "fig5", "-o", "/dev/null"],
+        ["bench", "artefacts", "--reference", "/dev/null"],
+    ],
+)
+def test_bad_input_ends_with_status_2_and_a_word(command):
+    ran = subprocess.run([sys.executable, "-m", "scenarios.cli", *command], capture_output=True, text=True)
+    assert ran.returncode == 2
+    assert command[-1] in ran.stderr
+    assert "Traceback" not in ran.stderr
