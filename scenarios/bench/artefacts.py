@@ -34,8 +34,12 @@ Row = dict[str, Any]
 DIAMETER_LIMIT_MM = 0.05
 STEPS_MM = (0.5, 1.0, 2.0, 4.0, 7.0)
 FLOOR_SHARE = 0.5  # of a step's length and width, its middle: there is no edge, and the light gets there
-BALL_MM, BALL_PITS = 7.0, ((220.0, 120.0), (420.0, 180.0))  # radius; place along the pipe and around it (degrees)
-BALL_DEEPER_MM, BALL_REACH_MM, BALL_POINTS = 2.0, 12.0, 30
+# caps of balls, wide and flat enough for light and camera to see most of them; a hemisphere would hide its own floor
+BALL_MOUTH_MM, BALL_DEPTH_MM = 30.0, 7.0
+BALL_MM = (BALL_MOUTH_MM**2 / 4 + BALL_DEPTH_MM**2) / (2 * BALL_DEPTH_MM)  # its radius
+BALL_PITS = ((220.0, 120.0), (420.0, 180.0))  # place along the pipe, and around it in degrees
+BALL_DEEPER_MM, BALL_POINTS, BALL_SCALE_MM = 1.0, 30, 0.2
+CENTER_MM = np.array([0.0, 0.0, BALL_DEPTH_MM - BALL_MM])  # on the unrolled wall: along, around, outward
 RING = ["pipe.features=[]", "drive.stages=[{to_mm: 60, roll_to_deg: 30}]", "sensing.frame_rate_hz=10"]
 STEP = ["drive.start_mm=60", "drive.stages=[{to_mm: 640}]"]
 BALL = ["drive.start_mm=60", "drive.stages=[{to_mm: 400}]"]
@@ -60,7 +64,7 @@ def _steps() -> str:
 
 def _balls() -> str:
     pits = [
-        f"{{kind: pit, distance_mm: {z}, clock_deg: {deg}, diameter_mm: {2 * BALL_MM}, depth_mm: {BALL_MM}}}"
+        f"{{kind: pit, distance_mm: {z}, clock_deg: {deg}, diameter_mm: {BALL_MOUTH_MM}, depth_mm: {BALL_DEPTH_MM}}}"
         for z, deg in BALL_PITS
     ]
     return f"pipe.features=[{', '.join(pits)}]"
@@ -162,7 +166,7 @@ def floor_depth_mm(found: Reconstruction, pipe: Pipe, number: int) -> float:
 
 
 def ball_bar(scan: Scan, progress: Report) -> Measured:
-    """Two hemispherical pits seen in different frames: the distance between their centres, by every registration."""
+    """Two pits that are caps of balls, seen in different frames: from centre to centre, by every registration."""
     points, pipe = triangulated(scan), scan.truth.pipe
     true_mm = float(np.linalg.norm(np.subtract(*_true_centers_mm(pipe))))
     found: Measured = {}
@@ -179,7 +183,7 @@ def ball_bar(scan: Scan, progress: Report) -> Measured:
 
 
 def _true_centers_mm(pipe: Pipe) -> list[np.ndarray]:
-    return [_rolled_up(np.array([0.0, 0.0, 0.0]), pipe, number) for number in range(2)]
+    return [_rolled_up(CENTER_MM, pipe, number) for number in range(2)]
 
 
 def ball_center_mm(xyz_pipe_mm: Float[np.ndarray, "n 3"], pipe: Pipe, number: int) -> Float[np.ndarray, "3"]:
@@ -191,11 +195,12 @@ def ball_center_mm(xyz_pipe_mm: Float[np.ndarray, "n 3"], pipe: Pipe, number: in
     x, y, z = xyz_pipe_mm.T
     around = feature.arc_mm(wall_angle_rad(x, y), bore)
     flat = np.column_stack([z - feature.distance_mm, around, np.hypot(x, y) - bore])
-    inside = (np.hypot(flat[:, 0], flat[:, 1]) < BALL_REACH_MM) & (flat[:, 2] > BALL_DEEPER_MM)
+    near = np.hypot(flat[:, 0], flat[:, 1]) < BALL_MOUTH_MM / 2
+    inside = near & (flat[:, 2] > BALL_DEEPER_MM) & (flat[:, 2] < BALL_DEPTH_MM + BALL_DEEPER_MM)
     if np.count_nonzero(inside) < BALL_POINTS:
         return np.full(3, np.nan)
     fit = least_squares(
-        lambda c: np.linalg.norm(flat[inside] - c, axis=1) - BALL_MM, np.zeros(3), loss="soft_l1", f_scale=0.3
+        lambda c: np.linalg.norm(flat[inside] - c, axis=1) - BALL_MM, CENTER_MM, loss="cauchy", f_scale=BALL_SCALE_MM
     )
     return _rolled_up(fit.x, pipe, number)
 

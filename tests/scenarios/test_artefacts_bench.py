@@ -47,13 +47,13 @@ def test_steps_are_measured_to_their_depth():
 
 
 def dented(pipe, shift_mm, rng):
-    """Points of the first ball's lower half, moved along the pipe."""
-    polar, turn = np.arccos(rng.uniform(0.35, 1, 400)), rng.uniform(0, 2 * np.pi, 400)
+    """Points of the first ball's cap, moved along the pipe."""
+    polar, turn = np.arccos(rng.uniform(0.75, 1, 400)), rng.uniform(0, 2 * np.pi, 400)
     r = artefacts.BALL_MM
     along, arc, out = (
         r * np.sin(polar) * np.cos(turn),
         r * np.sin(polar) * np.sin(turn),
-        r * np.cos(polar),
+        r * np.cos(polar) + artefacts.CENTER_MM[2],
     )
     feature, bore = pipe.features[0], pipe.bore_radius_mm
     xyz = wall_direction(np.radians(feature.clock_deg) + arc / bore) * (bore + out)[:, None]
@@ -65,7 +65,7 @@ def test_a_balls_centre_is_found_where_it_is():
     pipe = artefacts.artefact_scenarios("points", 0)["ball-bar"].pipe
     rng = np.random.default_rng(1)
     here, there = (ball_center_mm(dented(pipe, shift, rng), pipe, 0) for shift in (0.0, 2.5))
-    direction = wall_direction(np.radians(120.0)) * pipe.bore_radius_mm
+    direction = wall_direction(np.radians(120.0)) * (pipe.bore_radius_mm + artefacts.CENTER_MM[2])
     assert np.allclose(here, direction + np.array([0, 0, 220]), atol=1e-5)
     assert np.allclose(there - here, [0, 0, 2.5], atol=1e-5)
     assert np.isnan(ball_center_mm(np.zeros((0, 3)), pipe, 0)).all()
