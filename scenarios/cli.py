@@ -12,6 +12,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from scenarios.bench.commands import app as bench_commands
+from scenarios.paper.commands import app as paper_commands
 from scenarios.study import commands as study_commands
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -25,6 +26,7 @@ app = typer.Typer(
 )
 
 app.add_typer(bench_commands, name="bench")
+app.add_typer(paper_commands, name="paper")
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="A name that `list` shows, or a YAML file.")]
 OutFolder = Annotated[

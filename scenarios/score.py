@@ -106,6 +106,7 @@ class FrameTally:
     center_mm: list[np.ndarray] = field(default_factory=list)
     center_wall_mm: list[np.ndarray] = field(default_factory=list)
     normal: list[np.ndarray] = field(default_factory=list)
+    normal_wall: list[np.ndarray] = field(default_factory=list)
 
 
 def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray, "4 4"]) -> None:
@@ -114,18 +115,22 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
     if points.sigma_mm.size:
         tally.points += points.sigma_mm.size
         tally.wrong += int(np.sum(true_slits(tally.pipe, tally.rig, points.pixel, T_true) != points.ring))
-    if not result.alignment.converged:
-        return
-    xyz, walls = placed(
-        points.xyz_mm, result.kept, result.alignment.T_pipe_camera, _outlines(tally.pipe), tally.pipe.bore_radius_mm
-    )
-    center, radius = circle(xyz[:, :2])
-    center_wall, radius_wall = circle(xyz[:walls, :2]) if walls > 10 else (center, radius)
-    tally.center_mm.append(center)
-    tally.radius_mm.append(radius)
-    tally.center_wall_mm.append(center_wall)
-    tally.radius_wall_mm.append(radius_wall)
-    tally.normal.append(plane_normal(xyz))
+    if result.alignment.converged:
+        T, bore = result.alignment.T_pipe_camera, tally.pipe.bore_radius_mm
+        tally_shape(tally, *placed(points.xyz_mm, result.kept, T, defect_outlines(tally.pipe), bore))
+
+
+def tally_shape(tally: FrameTally, xyz_pipe_mm: Float[np.ndarray, "n 3"], walls: int) -> None:
+    """Take the circle and the plane of Fig. 11c, of all points of a frame and of the first, on the undamaged wall."""
+    alone = xyz_pipe_mm[:walls] if walls > 10 else xyz_pipe_mm
+    for xyz, centers, radii, normals in (
+        (xyz_pipe_mm, tally.center_mm, tally.radius_mm, tally.normal),
+        (alone, tally.center_wall_mm, tally.radius_wall_mm, tally.normal_wall),
+    ):
+        center, radius = circle(xyz[:, :2])
+        centers.append(center)
+        radii.append(radius)
+        normals.append(plane_normal(xyz))
 
 
 def true_slits(pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]) -> np.ndarray:
@@ -192,7 +197,7 @@ def _slits_at(rays_camera, along_pipe, ranges, apex, axis, tangents, ends_mm):
 
 
 @lru_cache(maxsize=8)
-def _outlines(pipe: Pipe) -> Float[np.ndarray, "features 4"]:
+def defect_outlines(pipe: Pipe) -> Float[np.ndarray, "features 4"]:
     """Of each true defect: distance, angle around the wall, half length and half width with what counts as near, mm."""
     sizes = [(feature, feature.size(pipe.bore_radius_mm)) for feature in pipe.features]
     rows = [(f.distance_mm, np.radians(f.clock_deg), size.length_mm / 2, size.width_mm / 2) for f, size in sizes]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-SOURCES = ("drive", "imu", "attitude", "picture", "points", "bench")
+SOURCES = ("drive", "imu", "attitude", "picture", "points", "bench", "boards")
 
 
 def stream(seed: int, source: str, index: int = 0) -> np.random.Generator:

@@ -8,7 +8,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from scenarios.bench.commands_artefacts import register
+
 app = typer.Typer(help="Benchmark registration methods against each other and against the truth.", no_args_is_help=True)
+register(app)
 
 Scenarios = Annotated[
     list[str] | None,
