@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +14,7 @@ from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, p
 from scenarios.matching import match
 from scenarios.oracle import oracle_err_pct
 from sensor_model.geometry import fisheye_rays, twist_about_z_rad, wrap_rad
-from sensor_model.rig import Projector, Rig
+from sensor_model.rig import Rig
 from sensor_model.wall_rays import near_wall, wall_ranges_mm
 from twin.features.base import Feature
 from twin.pipe import Pipe
@@ -107,6 +107,11 @@ class FrameTally:
     center_wall_mm: list[np.ndarray] = field(default_factory=list)
     normal: list[np.ndarray] = field(default_factory=list)
 
+    @cached_property
+    def outlines(self) -> Float[np.ndarray, "features 4"]:
+        """Where the true defects are."""
+        return _outlines(self.pipe)
+
 
 def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray, "4 4"]) -> None:
     """Take one frame's figures: wrong words by the true pose, and the paper's circle and plane of Fig. 11c."""
@@ -117,7 +122,7 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
     if not result.alignment.converged:
         return
     xyz, walls = placed(
-        points.xyz_mm, result.kept, result.alignment.T_pipe_camera, _outlines(tally.pipe), tally.pipe.bore_radius_mm
+        points.xyz_mm, result.kept, result.alignment.T_pipe_camera, tally.outlines, tally.pipe.bore_radius_mm
     )
     center, radius = circle(xyz[:, :2])
     center_wall, radius_wall = circle(xyz[:walls, :2]) if walls > 10 else (center, radius)
@@ -157,17 +162,8 @@ def _shown(
     ranges = wall_ranges_mm(near_wall(pipe, float(eye[2])), tuple(eye.tolist()), rays)
     axis = tuple(projector.T_camera_projector[:3, 2].tolist())
     ends_mm = pipe.start_mm - eye[2], pipe.end_mm - eye[2]
-    slit = _slits_at(rays_camera, rays[:, 2], ranges, projector.apex_mm, axis, _tangents(projector), ends_mm)
+    slit = _slits_at(rays_camera, rays[:, 2], ranges, projector.apex_mm, axis, projector.slit_tangents, ends_mm)
     return slit, ranges
-
-
-@lru_cache(maxsize=8)
-def _tangents(projector: Projector) -> Float[np.ndarray, "2 slits"]:
-    """Of each slit: the light's tangents between which it is seen as that slit, by a width and no neighbour."""
-    angles, width = projector.slit_half_angles_rad, np.radians(projector.slit_width_deg)
-    between = 0.5 * (angles[:-1] + angles[1:])
-    begin, end = np.append(0.0, between).clip(min=angles - width), np.append(between, 1.5).clip(max=angles + width)
-    return np.tan([begin, end])
 
 
 @njit(cache=True, error_model="numpy")
@@ -191,7 +187,6 @@ def _slits_at(rays_camera, along_pipe, ranges, apex, axis, tangents, ends_mm):
     return slit
 
 
-@lru_cache(maxsize=8)
 def _outlines(pipe: Pipe) -> Float[np.ndarray, "features 4"]:
     """Of each true defect: distance, angle around the wall, half length and half width with what counts as near, mm."""
     sizes = [(feature, feature.size(pipe.bore_radius_mm)) for feature in pipe.features]
