@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +14,7 @@ from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, p
 from scenarios.matching import match
 from scenarios.oracle import oracle_err_pct
 from sensor_model.geometry import fisheye_rays, twist_about_z_rad, wrap_rad
-from sensor_model.rig import Projector, Rig
+from sensor_model.rig import Rig
 from sensor_model.wall_rays import near_wall, wall_ranges_mm
 from twin.features.base import Feature
 from twin.pipe import Pipe
@@ -108,6 +108,11 @@ class FrameTally:
     normal: list[np.ndarray] = field(default_factory=list)
     normal_wall: list[np.ndarray] = field(default_factory=list)
 
+    @cached_property
+    def outlines(self) -> Float[np.ndarray, "features 4"]:
+        """Where the true defects are."""
+        return _outlines(self.pipe)
+
 
 def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray, "4 4"]) -> None:
     """Take one frame's figures: wrong words by the true pose, and the paper's circle and plane of Fig. 11c."""
@@ -162,17 +167,8 @@ def _shown(
     ranges = wall_ranges_mm(near_wall(pipe, float(eye[2])), tuple(eye.tolist()), rays)
     axis = tuple(projector.T_camera_projector[:3, 2].tolist())
     ends_mm = pipe.start_mm - eye[2], pipe.end_mm - eye[2]
-    slit = _slits_at(rays_camera, rays[:, 2], ranges, projector.apex_mm, axis, _tangents(projector), ends_mm)
+    slit = _slits_at(rays_camera, rays[:, 2], ranges, projector.apex_mm, axis, projector.slit_tangents, ends_mm)
     return slit, ranges
-
-
-@lru_cache(maxsize=8)
-def _tangents(projector: Projector) -> Float[np.ndarray, "2 slits"]:
-    """Of each slit: the light's tangents between which it is seen as that slit, by a width and no neighbour."""
-    angles, width = projector.slit_half_angles_rad, np.radians(projector.slit_width_deg)
-    between = 0.5 * (angles[:-1] + angles[1:])
-    begin, end = np.append(0.0, between).clip(min=angles - width), np.append(between, 1.5).clip(max=angles + width)
-    return np.tan([begin, end])
 
 
 @njit(cache=True, error_model="numpy")

@@ -92,6 +92,14 @@ class Projector(Settings):
         return np.radians([s.half_angle_deg for s in self.slits])
 
     @cached_property
+    def slit_tangents(self) -> Float[np.ndarray, "2 slits"]:
+        """Tangents between which light passes as each slit's: within a width of it, and no nearer to a neighbour."""
+        angles, width = self.slit_half_angles_rad, np.radians(self.slit_width_deg)
+        between = 0.5 * (angles[:-1] + angles[1:])
+        begin = np.append(0.0, between).clip(min=angles - width)
+        return np.tan([begin, np.append(between, 1.5).clip(max=angles + width)])
+
+    @cached_property
     def T_camera_projector(self) -> Float[np.ndarray, "4 4"]:
         """Projector frame: origin at the apex, z along the axis, x and y as near the camera's as can be."""
         return transform(cone_frame(np.array(self.axis)), np.array(self.apex_mm))
