@@ -11,6 +11,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from scenarios import calibrate_commands
 from scenarios.bench.commands import app as bench_commands
 from scenarios.paper.commands import app as paper_commands
 from scenarios.study import commands as study_commands
@@ -24,6 +25,7 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
 )
+calibrate_commands.register(app)
 
 app.add_typer(bench_commands, name="bench")
 app.add_typer(paper_commands, name="paper")

@@ -111,7 +111,7 @@ class FrameTally:
     @cached_property
     def outlines(self) -> Float[np.ndarray, "features 4"]:
         """Where the true defects are."""
-        return _outlines(self.pipe)
+        return defect_outlines(self.pipe)
 
 
 def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray, "4 4"]) -> None:
@@ -122,7 +122,7 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
         tally.wrong += int(np.sum(true_slits(tally.pipe, tally.rig, points.pixel, T_true) != points.ring))
     if result.alignment.converged:
         T, bore = result.alignment.T_pipe_camera, tally.pipe.bore_radius_mm
-        tally_shape(tally, *placed(points.xyz_mm, result.kept, T, defect_outlines(tally.pipe), bore))
+        tally_shape(tally, *placed(points.xyz_mm, result.kept, T, tally.outlines, bore))
 
 
 def tally_shape(tally: FrameTally, xyz_pipe_mm: Float[np.ndarray, "n 3"], walls: int) -> None:
@@ -192,7 +192,6 @@ def _slits_at(rays_camera, along_pipe, ranges, apex, axis, tangents, ends_mm):
     return slit
 
 
-@lru_cache(maxsize=8)
 def defect_outlines(pipe: Pipe) -> Float[np.ndarray, "features 4"]:
     """Of each true defect: distance, angle around the wall, half length and half width with what counts as near, mm."""
     sizes = [(feature, feature.size(pipe.bore_radius_mm)) for feature in pipe.features]

@@ -20,7 +20,7 @@ from algorithms.wall_map import on_a_wall
 from scenarios.bench.errors import FrameError, frame_error
 from scenarios.run import RunFailed, sensed, true_poses
 from scenarios.scenario import Scenario
-from scenarios.score import FrameTally, defect_outlines, placed, tally_shape
+from scenarios.score import FrameTally, placed, tally_shape
 from sensor_model.geometry import apply
 from sensor_model.recording import Recording, SlitPixels
 from sensor_model.rig import Rig
@@ -125,7 +125,7 @@ def judge(scan: Scan, label: str, frames: Iterator[Registered]) -> Judged:
         )
         if found.converged:
             kept = on_a_wall(points, T_true, nominal)
-            xyz, walls = placed(points.xyz_mm, kept, T_true, defect_outlines(pipe), pipe.bore_radius_mm)
+            xyz, walls = placed(points.xyz_mm, kept, T_true, tally.outlines, pipe.bore_radius_mm)
             tally_shape(tally, apply(found.T_pipe_camera @ np.linalg.inv(T_true), xyz), walls)
     return Judged(errors, tally, float(np.ptp(scan.T_true[:, 2, 3])))
 
