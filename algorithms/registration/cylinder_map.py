@@ -20,13 +20,12 @@ from algorithms.registration.cylinder_pose import (
     without,
 )
 from algorithms.registration.ray_fit import pack, pull
-from algorithms.registration.robust_start import SEARCH_POINTS, begun, thinned
-from algorithms.registration.settle import DONE, NOT_FINITE, REASONS, UNDETERMINED, WORKING, settle, settled
+from algorithms.registration.robust_start import begun
+from algorithms.registration.settle import DONE, NOT_FINITE, REASONS, UNDETERMINED, WORKING, settle
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.settings import Settings
 
-ROUGHLY = 1.0  # where a coarse fit ends, in its own standard deviations
-WEAK_SHARE, WEAK_SCALE = 0.5, 3.0
+WEAK_SHARE, WEAK_SCALE = 0.5, 10.0
 CHI2_4_999 = 18.47  # of four degrees of freedom, exceeded once in a thousand
 LEAST_SHARE = 0.3
 LOOSEST_MM, LOOSEST_RAD = 1.0, np.radians(1.0)
@@ -182,7 +181,4 @@ def _fit(xyz, direction, sigma, start, known, nominal):
     cylinder, scale, searched = begun(packed, start, known * share, nominal)
     if not scale < np.inf:
         return start, H, kept, np.nan, UNDETERMINED
-    if searched:  # what was found cell by cell is first settled where that is cheap
-        few = thinned(packed, SEARCH_POINTS)
-        cylinder, scale, _, _, _ = settled(few, cylinder, scale, start, known * (few.shape[1] / n), 0, ROUGHLY, H)
     return settle(xyz, direction, sigma, packed, cylinder, scale, start, known, 0 if searched else 1)

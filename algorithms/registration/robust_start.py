@@ -6,13 +6,15 @@ import numpy as np
 from numba import njit
 
 from algorithms.registration.ray_fit import moved, normal_matrix, residuals, scale_about_zero, tightest_half
-from algorithms.registration.settle import CUT_SIGMAS, INLIER_SIGMAS, SMALLEST_SCALE, solved
+from algorithms.registration.settle import CUT_SIGMAS, DONE, INLIER_SIGMAS, SMALLEST_SCALE, settled, solved
 from algorithms.registration.wall_cells import search
 
 FEW, SEARCH_POINTS = 512, 5000
 FAR_SIGMAS = 40.0  # while the cut is wider than this it is halved without a look at the scale
 LONGEST_STEP_MM, LEVER_MM = 25.0, 60.0
 CONVINCING_SHARE, CONVINCING_SCALE = 0.85, 1.3
+WORTH_IT, MODEL_ERROR_SCALE = 3.0, 12.0
+ROUGHLY = 1.0  # where a coarse fit ends, in its own standard deviations
 WIDEST_RADIUS = 0.02
 
 
@@ -20,11 +22,12 @@ WIDEST_RADIUS = 0.02
 def begun(packed, start, known, nominal):
     """A cylinder near the likeliest, from a few points; where that does not convince, from a search over the wall."""
     few = thinned(packed, FEW)
-    cylinder, scale, settled = annealed(few, start, known * (few.shape[1] / packed.shape[1]))
-    if settled and scale < CONVINCING_SCALE:
-        residual = np.empty(few.shape[1])
+    cylinder, scale, near = annealed(few, start, known * (few.shape[1] / packed.shape[1]))
+    residual, alike = np.empty(few.shape[1]), False
+    if near:
         residuals(few, cylinder, residual)
-        if np.mean(np.abs(residual) < INLIER_SIGMAS * scale) >= CONVINCING_SHARE:
+        alike = np.mean(np.abs(residual) < INLIER_SIGMAS * scale) >= CONVINCING_SHARE
+        if alike and scale < CONVINCING_SCALE:
             return cylinder, scale, False
     noise_mm = 0.0
     for i in range(few.shape[1]):
@@ -32,17 +35,21 @@ def begun(packed, start, known, nominal):
         noise_mm += np.sqrt(max(1.0 - along * along, 0.0)) / few[6, i] / few.shape[1]
     radius_std = min(known[4, 4] ** -0.5 if known[4, 4] > 0.0 else np.inf, WIDEST_RADIUS * nominal)
     many = thinned(packed, SEARCH_POINTS)
-    best, smallest, searched = cylinder, scale if settled else np.inf, False
-    residual = np.empty(few.shape[1])
+    best, smallest, searched = cylinder, scale if near else np.inf, False
+    H = np.empty(known.shape)
     for k in range(3):  # from what the points drew it to, and if that leads nowhere, from the prior, ever harder
-        base = cylinder if k == 0 and settled else start
+        base = cylinder if k == 0 and near else start
         found, enough = search(many, base, nominal, radius_std, noise_mm, known.shape[0], 2**k)
         if enough:
             residuals(few, found, residual)
             scale = tightest_half(residual)[1]
-            if scale < smallest or k == 0:
+            share = many.shape[1] / packed.shape[1]
+            found, scale, _, _, status = settled(many, found, scale, start, known * share, 0, ROUGHLY, H)
+            # a little less scatter over a part of the wall is what a wrong rig or an oval pipe offers: not worth it
+            worth_it = searched or not alike or scale < CONVINCING_SCALE or WORTH_IT * scale < smallest
+            if status == DONE and scale < smallest and worth_it:
                 best, smallest, searched = found, scale, True
-        if smallest < CONVINCING_SCALE:
+        if smallest < CONVINCING_SCALE or (k > 0 and alike and not searched and smallest < MODEL_ERROR_SCALE):
             break
     return best, smallest, searched
 
