@@ -71,7 +71,7 @@ def fused_pass(frame: TrueFrame) -> Callable[[], object]:
 def aligner(name: str, case: FrameCase, frame: TrueFrame) -> Callable[[], object]:
     """One call of a registered method."""
     method = REGISTRATIONS[name]
-    wall, prior = Wall(NominalPipe(inner_radius_mm=case.told_radius_mm, wall_thickness_mm=7.5)), None
+    wall = Wall(NominalPipe(inner_radius_mm=case.told_radius_mm, wall_thickness_mm=7.5))
     prior, settings = odometry(frame.T_pipe_camera), method.settings()
     return lambda: method.align(frame.points, wall, prior, settings)
 

@@ -12,7 +12,8 @@ from scenarios.bench.frames import FrameCase
 from scenarios.bench.statistics import Row, by_scenario, nearest_method, rows, winner_words
 from scenarios.report.canvas import BLACK, BLUE, SERIES, VERMILION, Picture, drawing, to_picture
 from scenarios.report.numbers import figure as number
-from scenarios.report.page import STYLE, figure_html
+from scenarios.report.page import figure_html
+from scenarios.report.shell import page_html
 from sensor_model.settings import Settings
 
 if TYPE_CHECKING:
@@ -41,31 +42,18 @@ def write_page(result: Bench, cases: dict[str, FrameCase], methods: dict[str, Se
     sections = [_scenario(result, name, cases.get(name), methods) for name in by_scenario(result.errors)]
     body = "".join(sections) + _pairs(result)
     file.write_text(
-        f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>Registration bench</title>
-<style>
-{STYLE.read_text(encoding="utf-8")}</style>
-</head>
-<body>
-<header>
-<h1>Registration bench: {escape(result.level)} level</h1>
+        page_html(
+            "Registration bench",
+            f"""<h1>Registration bench: {escape(result.level)} level</h1>
 <p class="lead">{escape(_lead(result))}</p>
-<p class="verdict clean">{escape(_verdict(result))}</p>
-</header>
-<main>
-{body}</main>
-<footer>Errors against the exact truth. A frame failed when there is no pose, or one off by more than 1 degree or 1 mm.
+<p class="verdict clean">{escape(_verdict(result))}</p>""",
+            body,
+            """\
+Errors against the exact truth. A frame failed when there is no pose, or one off by more than 1 degree or 1 mm.
 A weak pose is one that the method itself doubts. The bound is Cramer and Rao's: no unbiased method that even knows
 which points are wall can have a smaller RMS error. Centre: how far the pipe's axis passes the camera beside its true
-place.</footer>
-</body>
-</html>
-""",
+place.""",
+        ),
         encoding="utf-8",
     )
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from pathlib import Path
 from typing import NamedTuple
 
 from scenarios.report.canvas import Picture
-
-STYLE = Path(__file__).parent / "page.css"
+from scenarios.report.shell import page_html
 
 
 class Section(NamedTuple):
@@ -24,28 +22,14 @@ class Section(NamedTuple):
 def calibration_page(title: str, lead: str, verdict: str, good: bool, sections: Sequence[Section]) -> str:
     """The whole page."""
     body = "".join(_section(section) for section in sections)
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>{escape(title)}</title>
-<style>
-{STYLE.read_text(encoding="utf-8")}</style>
-</head>
-<body>
-<header>
-<h1>{escape(title)}</h1>
+    return page_html(
+        title,
+        f"""<h1>{escape(title)}</h1>
 <p class="lead">{escape(lead)}</p>
-<p class="verdict {"clean" if good else "faulty"}">{escape(verdict)}</p>
-</header>
-<main>
-{body}</main>
-<footer>Lengths in millimetres, angles in degrees, pixel centres at integers.</footer>
-</body>
-</html>
-"""
+<p class="verdict {"clean" if good else "faulty"}">{escape(verdict)}</p>""",
+        body,
+        """Lengths in millimetres, angles in degrees, pixel centres at integers.""",
+    )
 
 
 def _section(section: Section) -> str:

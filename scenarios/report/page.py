@@ -10,13 +10,13 @@ from scenarios.report.comparison import Row, rows
 from scenarios.report.numbers import score_figure
 from scenarios.report.path_figures import errors_over_distance, true_path, yield_over_distance
 from scenarios.report.photographs import sample_pictures
+from scenarios.report.shell import page_html
 from scenarios.report.statements import not_seen, oracle, scanned, verdict
 from scenarios.report.tables import defect_table, facts, score_tables, settings_table, slit_table
 from scenarios.report.wall_figures import pipe_in_space, profiles, wall_map
 from scenarios.run import Run
 
 MOST_PROFILES = 8
-STYLE = Path(__file__).parent / "page.css"
 TILES = {
     "length_error_mm_max": "worst length error",
     "width_error_mm_max": "worst width error",
@@ -56,32 +56,19 @@ def _page(run: Run, links: str, body: str) -> str:
         f"<li><b>{escape(score_figure(key, getattr(score, key), 2))}</b><span>{escape(words)}</span></li>"
         for key, words in TILES.items()
     )
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>{name}: pipe scan report</title>
-<style>
-{STYLE.read_text(encoding="utf-8")}</style>
-</head>
-<body>
-<header>
-<h1>Pipe scan report: {name}</h1>
+    return page_html(
+        f"{run.scenario.name}: pipe scan report",
+        f"""<h1>Pipe scan report: {name}</h1>
 <p class="lead">{escape(run.scenario.why)}</p>
 <p class="verdict {"clean" if clean else "faulty"}">{escape(verdict(run))}</p>
 <ul class="tiles">{tiles}</ul>
-{links}
-</header>
-<main>
-<section id="scan"><h2>What was scanned</h2>{facts(scanned(run))}</section>
-{body}</main>
-<footer>A simulated scan: the measurement never saw the truth it is compared with here. Lengths in millimetres, angles
-in degrees, clock positions in h:mm.</footer>
-</body>
-</html>
-"""
+{links}""",
+        f"""<section id="scan"><h2>What was scanned</h2>{facts(scanned(run))}</section>
+{body}""",
+        """\
+A simulated scan: the measurement never saw the truth it is compared with here. Lengths in millimetres, angles
+in degrees, clock positions in h:mm.""",
+    )
 
 
 def figure_html(picture: Picture, scrolls: bool = True) -> str:

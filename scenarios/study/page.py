@@ -7,13 +7,13 @@ from math import isfinite
 from pathlib import Path
 
 from scenarios.report.canvas import Picture
+from scenarios.report.shell import page_html
 from scenarios.run_folder import whole_file
 from scenarios.study.figures import over_factor, unity
 from scenarios.study.gather import Gathered, Mean, gather, levels, mean_of, paired
 from scenarios.study.ledger import Ledger, Row
 
 PAGE_FILE = "study.html"
-STYLE = Path(__file__).parents[1] / "report" / "page.css"
 MOST_FAILURES = 200
 REFRESH_S = 15
 LONGEST_VALUE = 40
@@ -45,31 +45,18 @@ def html_page(
     """A page in the report's style; the sections are HTML, all else is text."""
     refresh = f'<meta http-equiv="refresh" content="{refresh_s}">\n' if refresh_s else ""
     body = "".join(f"<section><h2>{escape(name)}</h2>{inside}</section>\n" for name, inside in sections.items())
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-{refresh}<meta http-equiv="Content-Security-Policy"
- content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>{escape(title)}</title>
-<style>
-{STYLE.read_text(encoding="utf-8")}</style>
-</head>
-<body>
-<header>
-<h1>{escape(title)}</h1>
+    return page_html(
+        title,
+        f"""<h1>{escape(title)}</h1>
 <p class="lead">{escape(lead)}</p>
-<p class="verdict {"clean" if clean else "faulty"}">{escape(verdict)}</p>
-</header>
-<main>
-{body}</main>
-<footer>Simulated scans: the measurement never saw the truth it is compared with. Intervals are 95 %, Student's, as if
+<p class="verdict {"clean" if clean else "faulty"}">{escape(verdict)}</p>""",
+        body,
+        """\
+Simulated scans: the measurement never saw the truth it is compared with. Intervals are 95 %, Student's, as if
 all runs were independent. Methods measure the same recordings, so that differences between them are paired; runs of one
-seed share their draws over the factors' values too.</footer>
-</body>
-</html>
-"""
+seed share their draws over the factors' values too.""",
+        refresh,
+    )
 
 
 # ---- failures and progress
