@@ -211,7 +211,6 @@ def _frame(wall, p, axle, frame):
 class Found(NamedTuple):
     """Contacts of one moment: whose wheel, how deep, where, which way; as `wheel_contacts` has it but in metres."""
 
-    contacts: int
     wheel: np.ndarray
     dist_m: np.ndarray
     point_m: np.ndarray
@@ -226,7 +225,7 @@ def _found(wall, anchor_m, axle, qpos, joint, angle, wheel_shape, touching):
     touching[:] = False
     for k in range(count):
         touching[wheel[k]] = True
-    return count, wheel, MM * gap_mm[:count], MM * point_mm[:count], frame[:count].copy().reshape(count, 9)
+    return wheel[:count], MM * gap_mm[:count], MM * point_mm[:count], frame[:count].copy().reshape(count, 9)
 
 
 class WallContacts:
@@ -274,7 +273,7 @@ class WallContacts:
             self._near, self._near_z_mm = _nearby(self.wall, anchor[robot.wheel_joint, 2] / MM), z_mm
         joints, shapes = (robot.wheel_joint, robot.wheel_angle), robot.wheel_shape
         found = self.found = Found(*_found(self._near, anchor, data.xaxis, data.qpos, *joints, shapes, self.touching))
-        for wheel in found.wheel[: found.contacts].tolist():
+        for wheel in found.wheel.tolist():
             if self._add(robot.model, data, self._contacts[wheel]):
                 raise RuntimeError("MuJoCo has no room for another contact")
         # all at once, for one by one takes longer than to find them
@@ -300,8 +299,8 @@ def _footing(surfaces, found, spin_rad_s, wheel_shape, soft, friction):
     its damping. Creep in proportion to the pull is that softness, set so that f = mu N slides at the stated share of
     the rim's speed. `soft` is R N.
     """
-    grip, slack_s = np.empty(found.contacts), np.zeros(found.contacts)
-    for k in range(found.contacts):
+    grip, slack_s = np.empty(found.wheel.size), np.zeros(found.wheel.size)
+    for k in range(found.wheel.size):
         wheel = found.wheel[k]
         share, creep = surface_at(surfaces, found.point_m[k, 2] / MM)
         grip[k] = share * friction

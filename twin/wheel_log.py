@@ -34,7 +34,6 @@ class WheelRecorder:
         _fill(
             self._force[row],
             self._slip[row],
-            found.contacts,
             found.wheel,
             found.point_m,
             found.frame,
@@ -50,10 +49,10 @@ class WheelRecorder:
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(force, slip, count, wheel, point, frame, velocity, center, efc_force, address):
+def _fill(force, slip, wheel, point, frame, velocity, center, efc_force, address):
     """Normal force (N) and slip (mm/s) of each wheel; of two contacts the sum, and the slip of the harder pressed."""
     hardest = np.zeros(force.size)
-    for k in range(count):
+    for k in range(wheel.size):
         if address[k] < 0:
             continue
         normal, w = efc_force[address[k]], wheel[k]
