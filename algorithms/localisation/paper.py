@@ -74,7 +74,7 @@ def launch(
     R_world_camera = camera_attitude(frame, rig)
     level = level_attitude(-R_world_camera[2], axis_camera)
     roll = begin_roll(frame, rig, axis_camera, settings.roll_filter) if settings.roll == "kalman" else None
-    R, roll_std = attitude_now(level, R_world_camera, R_world_camera, axis_camera, roll, settings)
+    R, roll_std = attitude_now(level, R_world_camera, frame, rig, axis_camera, roll, settings)
     return Odometry(
         R_pipe_camera_1=level,
         R_world_camera_1=R_world_camera,
@@ -110,9 +110,8 @@ def moved(
     roll = odometry.roll
     if roll is not None:
         roll = next_roll(roll, frame, rig, odometry.axis_camera, settings.roll_filter)
-    R_world_camera = camera_attitude(frame, rig)
     first, first_world, axis = odometry.R_pipe_camera_1, odometry.R_world_camera_1, odometry.axis_camera
-    R, roll_std = attitude_now(first, first_world, R_world_camera, axis, roll, settings)
+    R, roll_std = attitude_now(first, first_world, frame, rig, axis, roll, settings)
     return replace(
         odometry,
         roll=roll,
@@ -128,7 +127,8 @@ def moved(
 def attitude_now(
     R_pipe_camera_1: Float[np.ndarray, "3 3"],
     R_world_camera_1: Float[np.ndarray, "3 3"],
-    R_world_camera: Float[np.ndarray, "3 3"],
+    frame: Frame,
+    rig: Rig,
     axis_camera: Float[np.ndarray, "3"],
     roll: RollState | None,
     settings: RollSettings,
@@ -137,7 +137,7 @@ def attitude_now(
     std = float(np.radians(settings.roll_std_deg))
     if roll is not None:
         return attitude(roll, axis_camera), max(float(np.sqrt(roll.P[0, 0])), std)
-    R_cm = R_world_camera_1.T @ R_world_camera  # Eq. 23, which as printed is the identity
+    R_cm = R_world_camera_1.T @ camera_attitude(frame, rig)  # Eq. 23, which as printed is the identity
     return R_pipe_camera_1 @ R_cm, std  # Eq. 24
 
 

@@ -32,6 +32,7 @@ def level_attitude(
 
 def rolled_attitude(roll_rad: float, axis_camera: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """`R_pipe_camera` with a given roll about the pipe's axis as the camera sees it."""
-    R = level_attitude(np.array([0.0, 1.0, 0.0]), axis_camera)
+    # the axis comes from the last pose and makes the next: its rounded length would grow from frame to frame
+    R = level_attitude(np.array([0.0, 1.0, 0.0]), axis_camera / np.linalg.norm(axis_camera))
     turn = roll_rad - float(twist_about_z_rad(R))
     return Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix() @ R
