@@ -39,6 +39,8 @@ class Robot(Settings):
     # wheels on stiff legs are over-constrained: from about 0.01 mm some lift off now and then.
     roller_ripple_mm: Annotated[float, Field(ge=0, le=0.5)] = 0.005
     roller_count: Annotated[int, Field(ge=3, le=40)] = 10
+    # How fast a leg's second wheel follows its first; 20 ms is a slack belt, which gives 2 mm at the rim for 1 N.
+    belt_ms: Annotated[float, Field(ge=2, le=100)] = 20.0
     wheel_friction: Positive = 0.6
     # A roller's low friction still slides and steals grip from the driven direction: keep it tiny.
     roller_friction: Annotated[float, Field(gt=0, le=0.003)] = 0.001
@@ -64,6 +66,12 @@ class Robot(Settings):
     motor_inertia_kg_mm2: Positive = 300.0  # the rotor's, seen through the 603:1 gear
     motor_servo_hz: Annotated[float, Field(gt=0, le=40)] = 15.0
 
+    # What is wrong with this one robot, leg by leg; left out, nothing is. The motors go by the sizes that should be.
+    wheel_diameter_error_pct: tuple[Annotated[float, Field(ge=-20, le=20)], ...] = ()
+    leg_preload_error_pct: tuple[Annotated[float, Field(ge=-90, le=200)], ...] = ()
+    wheel_steer_deg: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    end_wheel_steer_deg: Annotated[float, Field(ge=-10, le=10)] = 0.0
+
     # What each robot is built to, as standard deviations; a zero switches its draw off.
     preload_tolerance_pct: NotNegative = 3.0
     wheel_toe_tolerance_deg: NotNegative = 0.05
@@ -76,7 +84,15 @@ class Robot(Settings):
             raise ValueError(f"between chassis and wall is room for a wheel of less than {room} mm radius")
         if self.wheel_spacing_mm < 2 * self.wheel_radius_mm:
             raise ValueError("wheel_spacing_mm must be at least two wheel radii")
+        for name in ("wheel_diameter_error_pct", "leg_preload_error_pct"):
+            if len(getattr(self, name)) not in (0, self.leg_count):
+                raise ValueError(f"{name} must have a number for each of {self.leg_count} legs, or none")
         return self
+
+    @property
+    def leg_wheel_radius_mm(self) -> Float[np.ndarray, "legs"]:
+        """What each leg's wheels really measure."""
+        return self.wheel_radius_mm * (1 + np.array(self.wheel_diameter_error_pct or [0.0] * self.leg_count) / 100)
 
     @property
     def leg_clock_rad(self) -> Float[np.ndarray, "legs"]:
@@ -102,8 +118,9 @@ class Build(Settings):
 def draw_build(robot: Robot, rng: np.random.Generator) -> Build:
     """One robot within its tolerances: normal draws, wheels in the order of `robot_model.wheel_names`."""
     preload = robot.leg_preload_n * (1 + robot.preload_tolerance_pct / 100 * rng.standard_normal(robot.leg_count))
-    toe = robot.wheel_toe_tolerance_deg * rng.standard_normal(2 * robot.leg_count)
-    skew = robot.end_wheel_skew_tolerance_deg * rng.standard_normal(2)
+    preload = preload * (1 + np.array(robot.leg_preload_error_pct or [0.0] * robot.leg_count) / 100)
+    toe = robot.wheel_steer_deg + robot.wheel_toe_tolerance_deg * rng.standard_normal(2 * robot.leg_count)
+    skew = robot.end_wheel_steer_deg + robot.end_wheel_skew_tolerance_deg * rng.standard_normal(2)
     return Build(
         preload_n=tuple(preload),
         askew_rad=tuple(np.radians(np.concatenate([toe, skew]))),

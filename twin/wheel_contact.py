@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
-from twin.pipe import Wall, wall_radius_mm
+from twin.pipe import Pipe, Wall, wall_radius_mm
 from twin.robot_model import MM, WALL, RobotModel
+from twin.surfaces import CREEP_SPEED_MM_S, surface_at, surface_rows
 
 SCAN_RAD = 1.2  # how far around the rim, from its outermost point, a contact is looked for
 SCAN_POINTS = 33
@@ -20,6 +21,8 @@ PER_WHEEL = 2  # a wheel can bridge a gap on two points
 APART_MM = 3.0  # nearer than this, two points are one contact
 SLOPE_MM = 0.01  # half step of the differences that give the wall's normal
 NEAR_MM = 50.0  # features are listed anew after so much travel
+
+SOFT_SHARE = 0.02  # creep goes by the load of the last 50 steps: by that of one step, wheels chatter
 
 SOLREF = (0.002, 1.0)
 SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
@@ -205,20 +208,34 @@ def _frame(wall, p, axle, frame):
     return steep
 
 
+class Found(NamedTuple):
+    """Contacts of one moment, as `wheel_contacts` returns them."""
+
+    contacts: int
+    wheel: np.ndarray
+    gap_mm: np.ndarray
+    point_mm: np.ndarray
+    frame: np.ndarray
+
+
 class WallContacts:
     """The wall as MuJoCo meets it: finds the wheels' contacts and adds them to its list.
 
     Call `inject` between `mj_collision` and `mj_makeConstraint`, never from `mjcb_contactfilter`.
     """
 
-    def __init__(self, wall: Wall, robot: RobotModel, friction: tuple[float, float]):
+    def __init__(self, pipe: Pipe, robot: RobotModel, friction: tuple[float, float]):
         import mujoco
 
-        self.wall, self.robot = wall, robot
+        self.wall, self.robot, self._friction = pipe.wall, robot, friction
+        self._surfaces = surface_rows(pipe.surfaces)
+        self._creeps = any(surface.creep_pct > 0 for surface in pipe.surfaces)
         self.touching = np.zeros(robot.wheel_joint.size, dtype=bool)
-        self._near, self._near_z_mm = wall, np.inf
+        self._soft = np.zeros(robot.wheel_joint.size)
+        self._near, self._near_z_mm = pipe.wall, np.inf
         self._add = mujoco.mj_addContact
         self._contacts = [self._blank(int(geom), friction) for geom in robot.wheel_geom for _ in range(PER_WHEEL)]
+        self._hinge = np.array([int(robot.model.jnt_dofadr[joint]) for joint in robot.wheel_joint])
 
     def _blank(self, geom: int, friction: tuple[float, float]) -> Any:
         import mujoco
@@ -245,15 +262,47 @@ class WallContacts:
         angle = data.qpos[self.robot.wheel_angle]
         if not abs(hub_mm[0, 2] - self._near_z_mm) < NEAR_MM:
             self._near, self._near_z_mm = _nearby(self.wall, hub_mm[:, 2]), hub_mm[0, 2]
-        count, wheel, gap_mm, point_mm, frame = wheel_contacts(self._near, hub_mm, axle, angle, self.robot.wheel_shape)
+        found = self.found = Found(*wheel_contacts(self._near, hub_mm, axle, angle, self.robot.wheel_shape))
+        if len(self._surfaces):
+            self._wet(found, data)
+        count, wheel = found.contacts, found.wheel
         self.touching[:] = False
         self.touching[wheel[:count]] = True
-        dist, point = MM * gap_mm, MM * point_mm
+        dist, point, frame = MM * found.gap_mm, MM * found.point_mm, found.frame
         for k in range(count):
             contact = self._contacts[PER_WHEEL * wheel[k]]
             contact.dist, contact.pos, contact.frame = dist[k], point[k], frame[k].ravel()
             if self._add(self.robot.model, data, contact):
                 raise RuntimeError("MuJoCo has no room for another contact")
+
+    def _wet(self, found: Found, data: Any) -> None:
+        """Give the contacts the grip and the creep of what they stand on.
+
+        MuJoCo's friction is soft: a pull f makes a contact slide at R f / b, with R its regularisation and b the rate
+        of its damping. Creep in proportion to the pull is that softness, set so that f = mu N slides at the stated
+        share of the rim's speed.
+        """
+        for k in range(found.contacts):
+            wheel = int(found.wheel[k])
+            grip, creep = surface_at(self._surfaces, found.point_mm[k, 2])
+            contact = self._contacts[PER_WHEEL * wheel]
+            contact.friction[0] = grip * self._friction[0]
+            contact.solreffriction[:] = 0.0
+            rim_mm_s = abs(data.qvel[self._hinge[wheel]]) * self.robot.wheel_shape[wheel, 0]
+            if creep > 0 and self._soft[wheel] > 0:
+                slide_m_s = MM * creep * max(rim_mm_s, CREEP_SPEED_MM_S)
+                damping = contact.friction[0] * self._soft[wheel] / slide_m_s
+                # damping is 2 / (dmax * time constant); never stiffer than the wall itself
+                contact.solreffriction[:] = max(2 / (SOLIMP[1] * damping), SOLREF[0]), 1.0
+
+    def remember(self, data: Any) -> None:
+        """Keep, for the creep of the next steps, how soft and how hard pressed each wheel's contact was in this one."""
+        if not self._creeps:
+            return
+        for k in range(data.ncon):
+            row, wheel = data.contact.efc_address[k], self.found.wheel[k]
+            if row >= 0:
+                self._soft[wheel] += SOFT_SHARE * (data.efc_R[row + 1] * data.efc_force[row] - self._soft[wheel])
 
 
 def _nearby(wall: Wall, hub_z_mm: np.ndarray) -> Wall:

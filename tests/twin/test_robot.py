@@ -8,10 +8,10 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from sensor_model.geometry import wall_direction
+from twin.drives.motors import RollStage
 from twin.drives.robot import (
     STEP_S,
     RobotDrive,
-    RollStage,
     _place,
     _settle,
     simulate_motion,
@@ -45,7 +45,7 @@ def at_rest(pipe: Pipe, robot: Robot):
     import mujoco
 
     model = build_model(pipe, robot, draw_build(robot, np.random.default_rng(0)))
-    contacts = WallContacts(pipe.wall, model, (robot.wheel_friction, robot.roller_friction))
+    contacts = WallContacts(pipe, model, (robot.wheel_friction, robot.roller_friction))
     data = mujoco.MjData(model.model)
     _place(data, pipe, robot, 0.0)
     _settle(model, data, contacts)
