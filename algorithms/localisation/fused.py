@@ -17,7 +17,7 @@ from algorithms.localisation.fused_model import (
     SLIP,
     InertialSettings,
     S,
-    V,
+    U,
     WheelSettings,
     first_belief,
     process_noise,
@@ -130,10 +130,8 @@ def advance(before: Fused, frame: Frame, rig: Rig, settings: FusedSettings) -> F
     x, P = _by_gravity(x, P, frame, rig, before.axis_camera, felt.turned_rad / dt, settings)
     if rate.size and np.abs(rolled).max() < AT_REST_MM:
         x, P = _by_rest(x, P, felt.turned_rad / dt, dt, settings)
-    scale = 1 + x[SCALE : SCALE + rolled.size] - x[SLIP]
-    watched = watch(
-        before.watch, frame.stamp_ns, rolled * scale - x[V] * dt, float(x[V] * dt), bool(slips.all()), settings.alarm
-    )
+    slipped = rolled * (1 + x[SCALE : SCALE + rolled.size]) - x[U] * dt
+    watched = watch(before.watch, frame.stamp_ns, slipped, float(x[U] * dt), bool(slips.all()), settings.alarm)
     return replace(
         before,
         x=x,

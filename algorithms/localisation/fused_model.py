@@ -11,12 +11,13 @@ from pydantic import Field
 from sensor_model.geometry import GRAVITY_M_S2
 from sensor_model.settings import Settings
 
-S, V, FORCE, ROLL, GYRO, BIAS_X, BIAS_Y, SLIP = range(8)
-"""Distance (mm), speed over the last frame (mm/s), accelerometer bias and slope along the pipe (mm/s2), roll (rad),
-gyroscope bias about the pipe (rad/s), accelerometer biases across it in the camera's axes (m/s2), slip that all wheels
-share (share of what they roll)."""
-SCALE = 8
-"""From here on, one a wheel: how much further it rolls than its diameter says (share); then the marks, if any."""
+S, U, FORCE, ROLL, GYRO, BIAS_X, BIAS_Y, SLIP, COMMON = range(9)
+"""Distance (mm), rolling speed of a middling wheel over the last frame (mm/s), accelerometer bias and slope along the
+pipe (mm/s2), roll (rad), gyroscope bias about the pipe (rad/s), accelerometer biases across it in the camera's axes
+(m/s2), slip that all wheels share (share of what they roll), scale that all wheels share: how much further they roll
+than their diameters say (share)."""
+SCALE = 9
+"""From here on, one a wheel: its own scale beside the common one (share); then the marks, if any."""
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -68,16 +69,16 @@ def first_belief(
     if wheel.scale_pct and len(wheel.scale_pct) != wheels:
         raise ValueError(f"wheels.scale_pct has {len(wheel.scale_pct)} values; the rig has {wheels} encoder wheels")
     x, std = np.zeros(SCALE + wheels), np.zeros(SCALE + wheels)
-    std[[S, V, ROLL]] = 1e-3, 100.0, np.pi
+    std[[S, U, ROLL]] = 1e-3, 100.0, np.pi
     std[FORCE] = 1e3 * GRAVITY_M_S2 * np.sin(np.radians(inertial.slope_deg))
     std[GYRO] = np.radians(inertial.gyroscope_bias_deg_s)
     std[[BIAS_X, BIAS_Y]] = inertial.accelerometer_bias_m_s2
-    std[SLIP], std[SCALE:] = wheel.slip_std_pct / 100, wheel.scale_std_pct / 100
-    P = np.diag(std**2)
-    P[SCALE:, SCALE:] += (wheel.common_scale_std_pct / 100) ** 2
+    std[SLIP], std[COMMON] = wheel.slip_std_pct / 100, wheel.common_scale_std_pct / 100
+    std[SCALE:] = wheel.scale_std_pct / 100
     if wheel.scale_pct:
-        x[SCALE:] = np.array(wheel.scale_pct) / 100
-    return x, P
+        x[COMMON] = np.mean(wheel.scale_pct) / 100
+        x[SCALE:] = np.array(wheel.scale_pct) / 100 - x[COMMON]
+    return x, np.diag(std**2)
 
 
 def transition(
@@ -85,11 +86,12 @@ def transition(
 ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n 2"]]:
     """F of one frame, and B for the felt acceleration along the pipe (mm/s2) and the rate of turn about it (rad/s)."""
     F, B = np.eye(n), np.zeros((n, 2))
-    F[V, FORCE] = -dt
-    F[S, V], F[S, FORCE] = dt, -(dt**2)
+    F[U, FORCE] = -dt
+    F[S, U], F[S, FORCE] = dt, -(dt**2)
+    F[S, COMMON], F[S, SLIP] = rolled_mm, -rolled_mm
     F[ROLL, GYRO] = -dt
     F[SLIP, SLIP] = np.exp(-abs(rolled_mm) / wheel.slip_length_mm)
-    B[[S, V], 0] = dt**2, dt
+    B[[S, U], 0] = dt**2, dt
     B[ROLL, 1] = dt
     return F, B
 
@@ -106,7 +108,7 @@ def process_noise(
     """Q of one frame: `unfelt_mm_s2` of acceleration and `unturned_rad` of roll that the IMU did not tell."""
     Q = np.zeros((n, n))
     speed = np.hypot(unfelt_mm_s2 * dt, 1e3 * inertial.accelerometer_noise_density * np.sqrt(dt))
-    Q[np.ix_([S, V], [S, V])] = speed**2 * np.array([[dt**2, dt], [dt, 1.0]])
+    Q[np.ix_([S, U], [S, U])] = speed**2 * np.array([[dt**2, dt], [dt, 1.0]])
     Q[FORCE, FORCE] = (1e3 * inertial.accelerometer_random_walk) ** 2 * dt
     Q[ROLL, ROLL] = inertial.gyroscope_noise_density**2 * dt + unturned_rad**2
     Q[GYRO, GYRO] = inertial.gyroscope_random_walk**2 * dt
@@ -118,10 +120,10 @@ def process_noise(
 def wheel_rows(
     n: int, speeds_mm_s: Float[np.ndarray, "wheels"], dt: float, wheel: WheelSettings
 ) -> tuple[Float[np.ndarray, "wheels n"], Float[np.ndarray, "wheels"]]:
-    """H and variances of the wheels' rolling speeds: linear, since what a wheel rolled is known all but exactly."""
-    count = speeds_mm_s.size
+    """H and variances of the wheels' rolling speeds; the middle one tells how much a scale makes of them."""
+    count, middle = speeds_mm_s.size, float(np.median(speeds_mm_s))
     H = np.zeros((count, n))
-    H[:, V], H[:, SLIP] = 1.0, speeds_mm_s
-    H[np.arange(count), SCALE + np.arange(count)] = -speeds_mm_s
+    H[:, U] = 1.0
+    H[np.arange(count), SCALE + np.arange(count)] = -middle
     rolled_m = np.abs(speeds_mm_s) * dt / 1e3
     return H, (wheel.noise_mm**2 + wheel.noise_mm_per_sqrt_m**2 * rolled_m) / dt**2
