@@ -34,9 +34,10 @@ PAPER = {WITH: (2.3, 3.3), WITHOUT: (8.0, 25.0)}  # as printed in section 4.3
 REAL_LOG = {"update_rate": 15.0, "quaternion_rounding": 0.01}
 TARGET_DEG = 0.5
 NOTE = (
-    "Degrees between the middles of two defects that truly are in line; a perfect scan has 0. Without the IMU, roll is\n"
-    "taken not to change, so that the commanded 8 and 25 degrees must come out. `as the real log`: 15 samples a\n"
-    "second and a quaternion in steps of 0.01, each about 1.1 degrees: nobody who takes it can do better than that."
+    "Degrees between the middles of two defects that truly are in line; a perfect scan has 0. Without the IMU roll\n"
+    "is taken not to change, so that the commanded 8 and 25 degrees must come out. `as the real log`: 15 samples a\n"
+    "second, and a quaternion in steps of 0.01: up to 1.2 degrees each, so that what the paper's way leaves depends\n"
+    "on where a roll happens to fall between two of them."
 )
 
 
