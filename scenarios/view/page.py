@@ -29,10 +29,10 @@ def write_view(drive: Playback, file: Path) -> None:
         f"{drive.scenario.seed}.</p>"
     )
     controls = (
-        '<p class="controls"><button id="play">Play</button> <label>Time <input id="at" type="range" min="0" '
+        '<p style="max-width:none"><button id="play">Play</button> <label>Time <input id="at" type="range" min="0" '
         f'max="{drive.time_s.size - 1}" value="0" style="width:22rem"></label> <output id="now"></output> '
         '<label>Speed <select id="speed"><option>0.25</option><option selected>1</option><option>4</option>'
-        "<option>16</option></select> x</label></p>"
+        "<option>16</option></select></label></p>"
         "<p>Drag to turn, wheel to zoom. Wheels are red while they slip by more than 5 mm/s and hollow in the air.</p>"
     )
     body = (
@@ -66,7 +66,7 @@ def page_data(drive: Playback) -> dict[str, Any]:
         "rays": _packed(drive.rays_camera, "<f4"),
         "light": _packed(np.nan_to_num(drive.light_mm * 10).clip(0, 65535).round(), "<u2"),
         "slits": list(drive.light_mm.shape[1:]),
-        "cloud": _packed(np.column_stack([drive.cloud_mm]).round(2), "<f4"),
+        "cloud": _packed(drive.cloud_mm.round(2), "<f4"),
         "shade": _packed(shade.round(), "<u1"),
         "deepest": round(deepest, 2),
         "shades": _shades(),

@@ -11,7 +11,7 @@ const INK = "#222222", FAINT = "#b9c4cc", RED = "#d55e00", ORANGE = "#e69f00", B
 
 const scene = document.getElementById("scene"), series = document.getElementById("series");
 const ink = scene.getContext("2d"), plot = series.getContext("2d");
-let frame = 0, clock = 0, playing = false, yaw = -0.9, pitch = 0.35, zoom = 1.5, last = 0;
+let frame = 0, clock = 0, playing = false, yaw = 0.9, pitch = 0.35, zoom = 1.5, last = 0;
 
 // A point of the camera frame of this frame's pose, in the pipe frame.
 const placed = (p) => [0, 1, 2].map((r) => {
@@ -138,7 +138,7 @@ function panel(top, height, title, lines) {
     plot.lineTo(left + width, y(v));
     plot.stroke();
     plot.fillText(v.toFixed(high - low > 20 ? 0 : 1), 8, y(v) + 4);
-    plot.fillText(`${t.toFixed(0)} s`, x(t) - 8, top + height - 4);
+    plot.fillText(`${t.toFixed(end < 60 ? 1 : 0)} s`, x(t) - 12, top + height - 4);
   }
   lines.forEach(({ name, values, color }, n) => {
     plot.strokeStyle = plot.fillStyle = color;
