@@ -1,4 +1,4 @@
-"""Joints and debris: what a wheel meets on the wall that is no defect of it."""
+"""Joints, debris and changes of the bore: what a wheel meets on the wall that is no defect of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from pydantic import Field, model_validator
 from sensor_model.settings import ClockDeg, Settings
 from twin.features.base import CENTER_THETA, CENTER_Z, FIRST_OWN, HALF_BOX_ARC, HALF_BOX_Z, ROW_LENGTH
 
-JOINT, DEBRIS = -1, -2  # beside the codes of the features, which count from zero
+JOINT, DEBRIS, TAPER = -1, -2, -3  # beside the codes of the features, which count from zero
+BEYOND_END_MM = 1000.0
 
 Length = Annotated[float, Field(gt=0, le=200)]
 
@@ -62,9 +63,35 @@ class Debris(Settings):
         return row
 
 
+class Taper(Settings):
+    """The bore widens, or narrows below zero, by so much from one place to another, smoothly, and stays so."""
+
+    from_mm: float
+    to_mm: float
+    radius_change_mm: Annotated[float, Field(ge=-50, le=50)]
+
+    @model_validator(mode="after")
+    def _is_gentle(self) -> Taper:
+        if self.to_mm - self.from_mm < 2 * abs(self.radius_change_mm):
+            raise ValueError("to_mm must lie beyond from_mm by at least twice radius_change_mm, or wheels are trapped")
+        return self
+
+    def row(self, end_mm: float) -> np.ndarray:
+        """The change as the compiled wall reads it, on to the end of the pipe."""
+        row = np.zeros(ROW_LENGTH)
+        beyond = max(end_mm, self.to_mm) + BEYOND_END_MM
+        row[[CENTER_Z, HALF_BOX_Z]] = (self.from_mm + beyond) / 2, (beyond - self.from_mm) / 2
+        row[HALF_BOX_ARC] = 1e9
+        row[FIRST_OWN : FIRST_OWN + 2] = self.to_mm - self.from_mm, self.radius_change_mm
+        return row
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
 def obstacle_depth_mm(code, dz, arc, row):
-    """Depth of a joint or of debris at an axial and an arc distance from its middle, mm; inward below zero."""
+    """Depth of a joint, debris or taper at an axial and an arc distance from its middle, mm; inward below zero."""
+    if code == TAPER:
+        share = min((dz + row[HALF_BOX_Z]) / row[FIRST_OWN], 1.0)
+        return row[FIRST_OWN + 1] * share * share * (3.0 - 2.0 * share)
     if code == JOINT:
         return row[FIRST_OWN + 1] * _bell(dz, row[FIRST_OWN]) - row[FIRST_OWN + 3] * _bell(dz, row[FIRST_OWN + 2])
     return -row[FIRST_OWN + 1] * _bell(np.hypot(dz, arc), row[FIRST_OWN])

@@ -64,6 +64,11 @@ class Robot(Settings):
 
     motor_torque_limit_n_mm: Positive = 300.0
     motor_inertia_kg_mm2: Positive = 300.0  # the rotor's, seen through the 603:1 gear
+    motor_friction_n_mm: NotNegative = 0.0  # at the wheel's shaft
+    # A motor's torque falls with its speed, from its limit at rest to nothing at the no-load speed of a full battery;
+    # left out, it does not. `supply_pct` is what is left of the battery's voltage.
+    motor_no_load_turns_s: Positive | None = None
+    supply_pct: Annotated[float, Field(gt=0, le=120)] = 100.0
     motor_servo_hz: Annotated[float, Field(gt=0, le=40)] = 15.0
 
     # What is wrong with this one robot, leg by leg; left out, nothing is. The motors go by the sizes that should be.
@@ -126,3 +131,50 @@ def draw_build(robot: Robot, rng: np.random.Generator) -> Build:
         askew_rad=tuple(np.radians(np.concatenate([toe, skew]))),
         roller_phase_rad=tuple(rng.uniform(0, 2 * np.pi, 2 * robot.leg_count)),
     )
+
+
+SIZES = {
+    "4-inch": Robot(
+        bore_radius_mm=51.1,
+        leg_preload_n=8.0,
+        wheel_radius_mm=12.0,
+        wheel_width_mm=8.0,
+        wheel_crown_radius_mm=13.0,
+        wheel_spacing_mm=60.0,
+        end_wheel_radius_mm=10.0,
+        end_wheel_ahead_mm=85.0,
+        end_wheel_preload_n=2.0,
+        chassis_radius_mm=20.0,
+        chassis_length_mm=150.0,
+        chassis_mass_kg=0.3,
+        batteries_mass_kg=0.3,
+        batteries_behind_mm=70.0,
+        camera_ahead_mm=165.0,
+        motor_torque_limit_n_mm=200.0,
+    ),
+    "6-inch": Robot(),
+    "8-inch": Robot(
+        bore_radius_mm=101.4,
+        leg_travel_mm=14.0,
+        leg_stiffness_n_m=2500.0,
+        leg_preload_n=18.0,
+        wheel_radius_mm=25.0,
+        wheel_width_mm=12.0,
+        wheel_crown_radius_mm=26.0,
+        wheel_spacing_mm=110.0,
+        wheel_mass_kg=0.04,
+        end_wheel_radius_mm=20.0,
+        end_wheel_ahead_mm=130.0,
+        end_wheel_stiffness_n_m=800.0,
+        end_wheel_preload_n=5.0,
+        chassis_radius_mm=42.0,
+        chassis_length_mm=230.0,
+        chassis_mass_kg=1.0,
+        batteries_mass_kg=0.7,
+        batteries_behind_mm=95.0,
+        camera_ahead_mm=215.0,
+        motor_torque_limit_n_mm=600.0,
+        motor_inertia_kg_mm2=600.0,
+    ),
+}
+"""Robots by the nominal size of the pipe that they are built for (Schedule 40 PVC or thick polyethylene)."""

@@ -128,6 +128,10 @@ def _add_leg(spec: Any, chassis: Any, robot: Robot, build: Build, k: int, theta:
         wheel.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=np.cos(askew) * axle + np.sin(askew) * Z)
         _add_cylinder(wheel, name, robot.wheel_radius_mm, robot.wheel_width_mm, robot.wheel_mass_kg, axle)
     leg.bodies[0].joints[0].armature = MM**2 * robot.motor_inertia_kg_mm2
+    if robot.motor_friction_n_mm > 0:
+        joint = leg.bodies[0].joints[0]
+        joint.frictionloss = MM * robot.motor_friction_n_mm
+        joint.solref_friction, joint.solimp_friction = [2 * STEP_S, 1], [0.995, 0.999, 0.001, 0.5, 2]  # or it creeps
     belt = spec.add_equality(
         name=f"leg{k}_belt", type=mujoco.mjtEq.mjEQ_JOINT, name1=names[1], name2=names[0], data=[0, 1] + [0] * 10
     )

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
+from twin.features.base import CENTER_THETA, CENTER_Z, FIRST_OWN, HALF_BOX_ARC, HALF_BOX_Z
+from twin.joints import TAPER
 from twin.pipe import Pipe, Wall, wall_radius_mm
 from twin.robot_model import MM, WALL, RobotModel
 from twin.surfaces import CREEP_SPEED_MM_S, surface_at, surface_rows
@@ -112,7 +113,10 @@ def _beside_feature(wall, hub, radius):
     theta = np.arctan2(hub[0], -hub[1])
     for i in range(wall.codes.size):
         row = wall.rows[i]
-        if abs(hub[2] - row[CENTER_Z]) > row[HALF_BOX_Z] + radius:
+        middle, half = row[CENTER_Z], row[HALF_BOX_Z]
+        if wall.codes[i] == TAPER:  # beyond its slope it is a plain bore again
+            middle, half = middle - half + 0.5 * row[FIRST_OWN], 0.5 * row[FIRST_OWN]
+        if abs(hub[2] - middle) > half + radius:
             continue
         turn = theta - row[CENTER_THETA]
         if abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))) * wall.inner_radius <= row[HALF_BOX_ARC] + radius:

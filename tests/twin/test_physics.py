@@ -7,11 +7,11 @@ import pytest
 
 from sensor_model.geometry import rotation_from_wxyz, twist_about_z_rad
 from twin.drives.base import DriveFailed
-from twin.drives.motors import MotorFault, RollTo, Via, torque_limits_n_m
+from twin.drives.motors import MotorFault, RollTo, Via, torque_limits_n_m, torque_share
 from twin.drives.robot import RobotDrive, _place, _settle, simulate_motion, step
-from twin.joints import Debris, Joint
+from twin.joints import Debris, Joint, Taper
 from twin.pipe import Pipe
-from twin.robot import Robot, draw_build
+from twin.robot import SIZES, Robot, draw_build
 from twin.robot_model import MM, STEP_S, build_model, wheel_names
 from twin.simulate import simulate
 from twin.surfaces import GRIP, Surface
@@ -210,6 +210,48 @@ def test_a_joint_and_debris_are_in_the_wall_and_under_the_wheels():
     assert truth.position_mm[-1, 2] == pytest.approx(200, abs=4)
     assert np.ptp(truth.position_mm[:, 1]) > np.ptp(smooth.position_mm[:, 1]) + 0.5
     assert truth.wheels.force_n.max() > 1.5 * smooth.wheels.force_n.max()
+
+
+@pytest.mark.parametrize(("change_mm", "sign"), [(-4.0, 1), (4.0, -1)])
+def test_its_springs_follow_a_change_of_the_bore(change_mm, sign):
+    """Each leg gains or loses its stiffness times the change; the wall is where the taper says."""
+    tapered = pipe(tapers=(Taper(from_mm=0, to_mm=40, radius_change_mm=change_mm),))
+    radius = tapered.radius(1.0, np.array([-10.0, 20.0, 50.0, 800.0]))
+    np.testing.assert_allclose(radius, 76.2 + change_mm * np.array([0, 0.5, 1, 1]))
+    truth = driven(EXACT, tapered, end_mm=400)
+    legs = truth.wheels.force_n[:, :6].sum(axis=1)
+    gained = legs[-1] - legs[0]
+    assert gained == pytest.approx(sign * 3 * EXACT.leg_stiffness_n_m * abs(change_mm) * MM, rel=0.15)
+    assert truth.position_mm[-1, 2] == pytest.approx(400, abs=2)
+    with pytest.raises(ValueError, match="at least twice radius_change_mm"):
+        Taper(from_mm=0, to_mm=5, radius_change_mm=4)
+
+
+@pytest.mark.parametrize("size_in", [4, 6, 8])
+@pytest.mark.parametrize(("material", "series"), [("PVC", "Sch 40"), ("PE", "SDR 11")])
+def test_each_size_of_robot_drives_in_its_pipes(size_in, material, series):
+    world = Pipe(standard={"material": material, "series": series, "nominal_size_in": size_in})
+    truth = driven(SIZES[f"{size_in}-inch"], world, end_mm=60)
+    assert truth.position_mm[-1, 2] == pytest.approx(60, abs=0.3)
+    assert (truth.wheels.force_n[-1] > 0).all()
+
+
+def test_a_motor_is_weaker_the_faster_it_turns_and_the_emptier_its_battery():
+    motor = EXACT.model_copy(update={"motor_no_load_turns_s": 0.5, "supply_pct": 80.0})
+    share = torque_share(motor, 2 * np.pi * np.array([0.0, 0.2, -0.2, 0.5]))
+    np.testing.assert_allclose(share, [0.8, 0.4, 0.4, 0.0])
+    assert driven(motor, end_mm=100, speed_mm_s=40).position_mm[-1, 2] == pytest.approx(100, abs=1)
+    hurried = driven(motor, end_mm=150, speed_mm_s=60)
+    speed_mm_s = np.gradient(hurried.position_mm[:, 2], hurried.time_s)[1000:2000].mean()
+    assert 40 < speed_mm_s < 0.4 * 2 * np.pi * 19
+
+
+def test_a_motor_s_friction_is_overcome_by_the_motor():
+    rubbing = EXACT.model_copy(update={"motor_friction_n_mm": 60.0})
+    assert driven(rubbing, end_mm=60).position_mm[-1, 2] == pytest.approx(60, abs=0.5)
+    seized = EXACT.model_copy(update={"motor_friction_n_mm": 400.0})
+    with pytest.raises(DriveFailed, match=r"told to go \d+ mm, its wheels rolled \d mm"):
+        driven(seized, end_mm=100)
 
 
 def test_it_stops_goes_on_and_reverses():

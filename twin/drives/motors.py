@@ -145,6 +145,14 @@ def torque_limits_n_m(robot: Robot, faults: Sequence[MotorFault], steps: int) ->
     return limits
 
 
+def torque_share(robot: Robot, spin_rad_s: Float[np.ndarray, "motors"]) -> Float[np.ndarray, "motors"]:
+    """What is left of each motor's torque limit at its speed, by the straight line of a direct-current motor."""
+    supply = robot.supply_pct / 100
+    if robot.motor_no_load_turns_s is None:
+        return np.full(spin_rad_s.size, supply)
+    return np.clip(supply - np.abs(spin_rad_s) / (2 * np.pi * robot.motor_no_load_turns_s), 0.0, None)
+
+
 def _move_s(travel_mm: float, speed_mm_s: float, ramp_s: float) -> tuple[float, float]:
     """Ramp and whole duration of one move, s."""
     ramp = min(ramp_s, max(travel_mm / speed_mm_s, STEP_S))

@@ -13,7 +13,16 @@ from pydantic import Field, model_validator
 from sensor_model.geometry import GRAVITY_M_S2, rotation_from_wxyz
 from sensor_model.settings import Settings
 from twin.drives.base import DriveFailed
-from twin.drives.motors import MotorFault, RollHold, RollStage, RollTo, Via, motor_controls, torque_limits_n_m
+from twin.drives.motors import (
+    MotorFault,
+    RollHold,
+    RollStage,
+    RollTo,
+    Via,
+    motor_controls,
+    torque_limits_n_m,
+    torque_share,
+)
 from twin.drives.watch import Watch
 from twin.pipe import Pipe
 from twin.robot import Robot, draw_build
@@ -39,6 +48,7 @@ SETTLE_S = 1.5
 SETTLE_DAMPING = 8.0  # legs are damped so much more while the robot settles, which is then over sooner
 STILL_MM_S = 1.0  # soft friction lets wheels creep a little under load, and nothing else moves any more
 CHECK_STEPS = 25
+BOTH_WAYS = np.array([-1.0, 1.0])
 
 
 class RobotDrive(Settings):
@@ -122,10 +132,14 @@ def simulate_motion(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.rand
     watch = Watch(pipe, robot, model, settings.tipped_deg, settings.stuck_mm, settings.tether_drag_n)
     ctrl, qpos, qvel, readout = data.ctrl, data.qpos, data.qvel, data.sensordata
     pull = data.xfrc_applied[model.model.body(CHASSIS).id]
+    hinges = model.model.jnt_dofadr[model.model.actuator_trnid[:, 0]]
+    fading, limit = robot.motor_no_load_turns_s is not None, limits[0]
     hold = _hold(pipe, robot, settings, len(controls), model.feed_forward_s)
     for i, control in enumerate(controls):
-        if i in limits:
-            model.model.actuator_forcerange[:] = limits[i][:, None] * [-1, 1]
+        limit = limits.get(i, limit)
+        if fading or i in limits:
+            reach = limit * torque_share(robot, qvel[hinges])
+            model.model.actuator_forcerange[:] = reach[:, None] * BOTH_WAYS
         ctrl[:] = control
         if hold is not None:
             ctrl[robot.leg_count :] += hold.more_rad(i, 2 * atan2(qpos[6], qpos[3]))
