@@ -11,6 +11,8 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from scenarios import calibrate_commands
+
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
 app = typer.Typer(
@@ -20,6 +22,7 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
 )
+calibrate_commands.register(app)
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="A name that `list` shows, or a YAML file.")]
 OutFolder = Annotated[

@@ -1,0 +1,87 @@
+"""The commands `pipetwin calibrate camera|projector|imu` and `pipetwin decode`."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
+
+calibrate = typer.Typer(help="Calibrate camera, projector or IMU from pictures and logs.", no_args_is_help=True)
+OutRig = Annotated[
+    Path, typer.Option("-o", "--out", metavar="RIG.YAML", help="The rig to write; a page goes beside it.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+BaseRig = Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig whose other parts are kept.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    app.add_typer(calibrate, name="calibrate")
+
+
+@calibrate.command()
+def camera(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Pictures of a checkerboard, or folders.")],
+    out: OutRig,
+    board: Annotated[str, typer.Option("--board", metavar="CxR", help="Its inner corners.")] = "6x9",
+    rig: BaseRig = "endoscope",
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate the camera (OpenCV's fisheye) from pictures of a checkerboard."""
+    _one_thread()
+    from algorithms.calibration.boards import Checkerboard
+    from scenarios.calibration.camera import calibrate as calibrate_camera
+    from scenarios.calibration.camera import page_of
+    from scenarios.calibration.rig_file import read_rig
+    from scenarios.document import BadInput
+
+    size = BOARD.fullmatch(board)
+    if not size or not all(3 <= int(side) <= 40 for side in size.groups()):
+        raise BadInput([f"--board: got {board!r}; give inner corners as 6x9, each from 3 to 40"])
+    counted = Checkerboard(columns=int(size[1]), rows=int(size[2]))
+    figures = calibrate_camera(images, counted, read_rig(rig), out)
+    _show(figures, as_json)
+    _say(f"rig: {out}", f"page: {page_of(out, 'camera')}", as_json=as_json)
+
+
+def _one_thread() -> None:
+    """Small matrices are twenty times slower on several threads when another process is at work."""
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def _show(figures: dict[str, Any], as_json: bool) -> None:
+    """Print figures, those of a group indented under its name."""
+    if as_json:
+        print(json.dumps(figures, indent=2))
+        return
+    width = max(map(len, figures))
+    for key, value in figures.items():
+        if isinstance(value, dict):
+            print(key if value else f"{key:<{width}}  none")
+            for name, inner in value.items():
+                print(f"  {name}: {_figure(inner)}")
+        elif value != "":
+            print(f"{key:<{width}}  {_figure(value)}")
+
+
+def _figure(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_figure(item) for item in value)
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_figure(item)}" for key, item in value.items())
+    return str(value)
+
+
+def _say(*lines: str, as_json: bool) -> None:
+    """Where things are: on stdout, or beside the JSON on stderr."""
+    for line in lines:
+        typer.echo(line, err=as_json)

@@ -1,0 +1,1 @@
+"""The commands that calibrate and decode: files in, rig, figures and a page out."""
