@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from algorithms.types import RingPoints
-from sensor_model.geometry import rays_and_angles
+from sensor_model.geometry import jag_rad, projector_azimuth_rad, rays_and_angles
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 
@@ -21,23 +21,29 @@ def triangulate(seen: SlitPixels, rig: Rig) -> RingPoints:
     """
     projector, intrinsics = rig.projector, rig.camera.intrinsics
     axis = tuple(projector.T_camera_projector[:3, 2].tolist())
-    cosines = np.cos(projector.slit_half_angles_rad)
     rays, angles = rays_and_angles(seen.pixel, intrinsics)
-    ranges, slides = _on_cones(seen.pixel, seen.slit, rays, angles, intrinsics, projector.apex_mm, axis, cosines)
+    half_rad = projector.slit_half_angles_rad[seen.slit]
+    ranges, slides = _on_cones(seen.pixel, rays, angles, intrinsics, projector.apex_mm, axis, np.cos(half_rad))
+    if projector.jag_table_rad.size:
+        # the azimuth on the slide hardly depends on which cone the point is thought to lie on
+        azimuth = projector_azimuth_rad(np.nan_to_num(ranges)[:, None] * rays, projector.T_camera_projector)
+        jagged = np.cos(half_rad + jag_rad(projector.jag_table_rad, seen.slit, azimuth))
+        ranges, slides = _on_cones(seen.pixel, rays, angles, intrinsics, projector.apex_mm, axis, jagged)
     return RingPoints(*_points(seen.pixel, seen.slit, seen.sigma_px, rays, ranges, slides, projector.apex_mm))
 
 
 @njit(cache=True, error_model="numpy")
-def _on_cones(pixel, slit, rays, angles, intrinsics, apex, axis, cosines):
+def _on_cones(pixel, rays, angles, intrinsics, apex, axis, cosines):
     """Range at which each ray leaves its cone, and how far that place slides, mm, as its pixel moves outward by one.
 
     NaN where a ray never leaves its cone. The slide is the derivative at the pixel, not a difference over one.
     """
-    ranges, slides = np.full(slit.size, np.nan), np.empty(slit.size)
+    n = pixel.shape[0]
+    ranges, slides = np.full(n, np.nan), np.empty(n)
     apex_a = apex[0] * axis[0] + apex[1] * axis[1] + apex[2] * axis[2]
     apex2 = apex[0] ** 2 + apex[1] ** 2 + apex[2] ** 2
-    for i in range(slit.size):
-        c2 = cosines[slit[i]] ** 2
+    for i in range(n):
+        c2 = cosines[i] ** 2
         wx, wy, wz = rays[i, 0], rays[i, 1], rays[i, 2]
         w_a = wx * axis[0] + wy * axis[1] + wz * axis[2]
         w_apex = wx * apex[0] + wy * apex[1] + wz * apex[2]
