@@ -71,6 +71,26 @@ def projector(
     _say(f"rig: {out}", f"page: {page_of(out, 'projector')}", as_json=as_json)
 
 
+@calibrate.command()
+def imu(
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="The device's log, or a recording's orientation0/data.csv.")
+    ],
+    poses: Annotated[Path, typer.Argument(metavar="POSES", help="Board poses: .mat with rvecs, or CSV of rx, ry, rz.")],
+    out: OutRig,
+    rig: BaseRig = "endoscope",
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate how the IMU is turned against the camera (section 3.2.1)."""
+    _one_thread()
+    from scenarios.calibration.camera import page_of
+    from scenarios.calibration.imu import calibrate as calibrate_imu
+    from scenarios.calibration.rig_file import read_rig
+
+    _show(calibrate_imu(log, poses, read_rig(rig), out), as_json)
+    _say(f"rig: {out}", f"page: {page_of(out, 'imu')}", as_json=as_json)
+
+
 @calibrate.command("pipe")
 def in_pipe(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Pictures of the rings in one clean pipe.")],
