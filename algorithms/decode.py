@@ -25,7 +25,7 @@ COLOR_GAP_PX, COLOR_SPAN_PX = 3, 8  # a band's colour is read this far from a sl
 COLORS = "RYB"
 # where the three colours lie to begin with, as shares of red and blue in the light (the real sensor's, roughly)
 FIRST_CHROMA = np.array([[0.50, 0.23], [0.34, 0.31], [0.20, 0.47]])
-CHROMA_ROUNDS = 4
+CHROMA_ROUNDS, CHROMA_STRIDE = 4, 4  # of every fourth band
 FAR_CHROMA = 0.5  # no colour of ours
 LEAST_SHARE = 0.5  # of the neighbouring lines must carry a slit on
 MOST_MISSED = 2  # lines on end
@@ -368,14 +368,15 @@ def color_scores(dips: Dips, settings: DecodeSettings) -> Float[np.ndarray, "2 l
     if samples.shape[0] == 0:
         return scores
     carried = np.tile(share[valid] >= LEAST_SHARE, 2)
-    centers = FIRST_CHROMA
+    few = samples[carried][::CHROMA_STRIDE]
+    centers, nearest = FIRST_CHROMA, np.zeros(0)
     for _ in range(CHROMA_ROUNDS):
-        distances = _distances2(samples, centers)
-        nearest = np.where(carried & (distances.min(axis=1) < FAR_CHROMA**2), np.argmin(distances, axis=1), -1)
+        distances = _distances2(few, centers)
+        nearest = np.where(distances.min(axis=1) < FAR_CHROMA**2, np.argmin(distances, axis=1), -1)
         centers = np.array(
-            [np.median(samples[nearest == c], axis=0) if (nearest == c).any() else centers[c] for c in range(3)]
+            [np.median(few[nearest == c], axis=0) if (nearest == c).any() else centers[c] for c in range(3)]
         )
-    if min(np.count_nonzero(nearest == c) for c in range(3)) < LEAST_COLOR_SHARE * np.count_nonzero(carried):
+    if min(np.count_nonzero(nearest == c) for c in range(3)) < max(LEAST_COLOR_SHARE * nearest.size, 1):
         return np.full_like(scores, FOREIGN_COLOR)
     gap = min(float(np.sum((centers[a] - centers[b]) ** 2)) for a, b in ((0, 1), (0, 2), (1, 2)))
     score = -_distances2(samples, centers) / max(gap / 8, 1e-9)
