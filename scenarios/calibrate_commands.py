@@ -114,6 +114,7 @@ def decode(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Where the overlay goes.  [default: decoded/NAME]")
     ] = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Draw the twin from the same place, and compare.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure one picture by itself: slits, points, cylinder, coverage, residual."""
@@ -122,7 +123,7 @@ def decode(
     from scenarios.calibration.rig_file import read_rig
 
     out = out or Path("decoded") / image.stem
-    _show(decode_picture(image, read_rig(rig), out), as_json)
+    _show(decode_picture(image, read_rig(rig), out, twin), as_json)
     _say(f"page: {out / 'decode.html'}", as_json=as_json)
 
 

@@ -14,6 +14,7 @@ from algorithms.calibration.pipe_view import INNER_SLITS, PipeView, axis_of, rob
 from algorithms.calibration.seat import fit_seat
 from algorithms.calibration.slide import SlideCalibration, corrected_residual_mm, learn_slide, with_jag
 from algorithms.decode import DecodeSettings
+from scenarios.calibration.look import look_of, twin_of
 from scenarios.calibration.pictures import listed, read_picture
 from scenarios.calibration.rig_file import write_rig
 from scenarios.document import BadInput
@@ -22,14 +23,17 @@ from scenarios.report.canvas import SERIES, Picture, drawing, photograph, to_pic
 from scenarios.report.photographs import DOTS
 from scenarios.run_folder import whole_file
 from sensor_model.geometry import projector_azimuth_rad
+from sensor_model.optics import Optics
 from sensor_model.rig import Rig
 
 LEAST_POINTS = 200
 OVERLAY_SCALE = 0.6
 
 
-def decode_picture(image: Path, rig: Rig, out: Path) -> dict[str, Any]:
+def decode_picture(image: Path, rig: Rig, out: Path, beside_twin: bool = False) -> dict[str, Any]:
     """Decode one picture, write overlay, cloud and page into a folder, and give the figures.
+
+    Beside the twin: the same pipe is drawn from the same place, and the two looks are compared.
 
     Raises:
         BadInput: for a picture that cannot be read, is of another size, or shows no pipe.
@@ -46,12 +50,13 @@ def decode_picture(image: Path, rig: Rig, out: Path) -> dict[str, Any]:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput([f"{out}: cannot be made: {error.strerror}; choose another folder with -o"]) from error
+    more = [_beside_twin(picture, view, plain_rig, figures)] if beside_twin else []
     overlay = _overlay(picture, view)
     _write_png(overlay, out / "overlay.png")
     with whole_file(out / "cloud.ply") as work:
         _write_cloud(view, work)
     with whole_file(out / "decode.html") as work:
-        work.write_text(_decode_page(image, overlay, view, rig, figures), encoding="utf-8")
+        work.write_text(_decode_page(image, overlay, view, rig, figures, more), encoding="utf-8")
     return figures
 
 
@@ -144,8 +149,33 @@ def _write_cloud(view: PipeView, file: Path) -> None:
     file.write_bytes("\n".join(header).encode() + b"\n" + rows.tobytes())
 
 
+def _beside_twin(
+    picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig: Rig, figures: dict[str, Any]
+) -> Section:
+    """Draw the twin at the same place, measure both looks, put them into the figures and side by side."""
+    import cv2
+
+    drawn = twin_of(view, rig, Optics(), np.random.default_rng(0))
+    looks = look_of(picture, view, rig), look_of(drawn, view_pipe(drawn, rig, DecodeSettings()), rig)
+    figures["look"], figures["look_twin"] = (look.figures() for look in looks)
+    rows = [("measure", "picture", "twin", "ratio")]
+    for (name, real), twin in zip(figures["look"].items(), figures["look_twin"].values(), strict=True):
+        rows.append((name, f"{real:.3g}", f"{twin:.3g}", f"{twin / real:.2f}" if real else "-"))
+    both = np.concatenate([picture, drawn], axis=1)
+    small = cv2.resize(both, None, fx=OVERLAY_SCALE / 2, fy=OVERLAY_SCALE / 2, interpolation=cv2.INTER_AREA)
+    shown = photograph(
+        small, "The picture beside the twin's.", "Left the picture, right the twin's from the same place."
+    )
+    return Section("Beside the twin", [], rows, [shown])
+
+
 def _decode_page(
-    image: Path, overlay: UInt8[np.ndarray, "height width 3"], view: PipeView, rig: Rig, figures: dict[str, Any]
+    image: Path,
+    overlay: UInt8[np.ndarray, "height width 3"],
+    view: PipeView,
+    rig: Rig,
+    figures: dict[str, Any],
+    more: list[Section],
 ) -> str:
     import cv2
 
@@ -164,6 +194,7 @@ def _decode_page(
         Section("The picture", [], (), [shown]),
         Section("Slits", [], table),
         Section("Residuals", [figures["weak"]] if figures["weak"] else [], (), [_residual_figure(view, rig)]),
+        *more,
     ]
     return calibration_page(f"Decoded picture: {image.name}", "", verdict, view.alignment.converged, sections)
 
