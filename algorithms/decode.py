@@ -29,6 +29,7 @@ CHROMA_ROUNDS, CHROMA_STRIDE = 4, 4  # of every fourth band
 FAR_CHROMA = 0.5  # no colour of ours
 LEAST_SHARE = 0.5  # of the neighbouring lines must carry a slit on
 MOST_MISSED = 2  # lines on end
+LEAST_BAND_SHARE = 0.15  # of the other band's light, beyond the slit's own
 CARRY_PX, CARRY_GAIN = 6.0, 0.4
 LEAST_COLOR_SHARE = 0.03  # of the bands must show each colour, or there is no code to read
 SKIPPED_SLIT, SPARE_DIP, FOREIGN_COLOR = -2.0, -3.0, -8.0  # log scores
@@ -382,9 +383,15 @@ def color_scores(dips: Dips, settings: DecodeSettings) -> Float[np.ndarray, "2 l
     score = -_distances2(samples, centers) / max(gap / 8, 1e-9)
     best = np.maximum(np.maximum(score[:, 0], score[:, 1]), score[:, 2])
     score = np.maximum(score - best[:, None], FOREIGN_COLOR)
-    score[~carried] = FOREIGN_COLOR
+    score[~carried | ~_lit(bands)[:, valid].ravel()] = FOREIGN_COLOR
     scores[:, valid] = score.reshape(2, -1, 3)
     return scores
+
+
+def _lit(bands: Float[np.ndarray, "2 lines most 3"]) -> np.ndarray:
+    """Whether each side of a dip is a band: the foot of the light's inner edge is dark on one side."""
+    light = bands[..., 0] + bands[..., 1] + bands[..., 2]
+    return light > LEAST_BAND_SHARE * light[::-1]
 
 
 @njit(cache=True)
