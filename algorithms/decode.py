@@ -16,11 +16,22 @@ from sensor_model.rig import Rig
 from sensor_model.settings import Settings
 
 MAX_SLITS_A_LINE = 24
+REACH_WIDTHS = 1.6  # the bands beside a slit are looked at so many of its widths away
+FLATTEN_PX = 32  # the slow rise of the light is the mean over so much either way
+DOWNHILL_PX = 4
+PLAIN_CONTRAST = 0.3  # a dip this deep is measured in the picture as it is
+ROUGH_SIGMAS = 3.0
 COLOR_GAP_PX, COLOR_SPAN_PX = 3, 8  # a band's colour is read this far from a slit's edge, over this length
 COLORS = "RYB"
 # where the three colours lie to begin with, as shares of red and blue in the light (the real sensor's, roughly)
-FIRST_CHROMA = np.array([[0.48, 0.22], [0.385, 0.265], [0.32, 0.37]])
-CHROMA_ROUNDS = 4
+FIRST_CHROMA = np.array([[0.50, 0.23], [0.34, 0.31], [0.20, 0.47]])
+CHROMA_ROUNDS, CHROMA_STRIDE = 4, 4  # of every fourth band
+FAR_CHROMA = 0.5  # no colour of ours
+LEAST_SHARE = 0.5  # of the neighbouring lines must carry a slit on
+MOST_MISSED = 2  # lines on end
+LEAST_BAND_SHARE = 0.15  # of the other band's light, beyond the slit's own
+CARRY_PX, CARRY_GAIN = 6.0, 0.4
+LEAST_COLOR_SHARE = 0.03  # of the bands must show each colour, or there is no code to read
 SKIPPED_SLIT, SPARE_DIP, FOREIGN_COLOR = -2.0, -3.0, -8.0  # log scores
 EDGE_FROM_MIDDLE_SHARE = 0.25  # a slit's edge lies about this share of the reach from its middle
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
@@ -31,18 +42,23 @@ class DecodeSettings(Settings):
 
     azimuths: Annotated[int, Field(ge=36, le=7200)] = 720
     reach_px: Annotated[int, Field(ge=4, le=60)] = 16
+    widest_reach_px: Annotated[int, Field(ge=4, le=60)] = 30
     min_contrast: Annotated[float, Field(gt=0, lt=1)] = 0.05
     noise_sigmas: Annotated[float, Field(ge=0)] = 5.0
     min_width_px: Annotated[float, Field(ge=0)] = 2.5
-    max_width_px: Annotated[float, Field(gt=0)] = 22.0
+    max_width_px: Annotated[float, Field(gt=0)] = 36.0
     width_ratio: Annotated[float, Field(gt=1)] = 1.4
+    pooled_lines: Annotated[int, Field(ge=0, le=60)] = 8
     support_lines: Annotated[int, Field(ge=0, le=20)] = 2
     support_px: Annotated[float, Field(gt=0)] = 3.0
     edge_std_px: Annotated[float, Field(ge=0)] = 0.15
 
 
 class Dips(NamedTuple):
-    """Dark places, so many on every line: radius, width, standard deviation, colours inside and outside."""
+    """Dark places, so many on every line: radius, width, standard deviation, colours inside, outside and of the place.
+
+    `start_rgb` is the colour in which each line begins, and the radius of that.
+    """
 
     found: Int[np.ndarray, "lines"]
     radius_px: Float[np.ndarray, "lines most"]
@@ -50,6 +66,20 @@ class Dips(NamedTuple):
     sigma_px: Float[np.ndarray, "lines most"]
     inside_rgb: Float[np.ndarray, "lines most 3"]
     outside_rgb: Float[np.ndarray, "lines most 3"]
+    floor_rgb: Float[np.ndarray, "lines most 3"]
+    start_rgb: Float[np.ndarray, "lines 4"]
+
+
+class Limits(NamedTuple):
+    """What the search for dips is held to: reach (px), contrast, depth and noise (levels), width (px)."""
+
+    least_reach: int
+    widest_reach: int
+    min_contrast: float
+    min_depth: float
+    noise: float
+    min_width: float
+    max_width: float
 
 
 def decode(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, settings: DecodeSettings) -> SlitPixels:
@@ -62,10 +92,12 @@ def decode(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, settings: Dec
     lines = polar_lines(picture, rig, settings.azimuths)
     first = radial_range_px(rig)[0]
     dips = find_dips(lines, first, settings)
-    colors = color_scores(dips)
+    colors = color_scores(dips, settings)
     slit = name_slits(dips, colors, rig)
-    slit = _of_usual_width(slit, dips.width_px, len(rig.projector.slits), settings.width_ratio)
-    slit = _supported(slit, dips.radius_px, dips.found, settings.support_lines, settings.support_px)
+    slits = len(rig.projector.slits)
+    slit = _of_usual_width(slit, dips.width_px, slits, settings.width_ratio)
+    jump_px = _jump_px(slit, dips.radius_px, slits, settings.support_px)
+    slit = _supported(slit, dips.radius_px, dips.found, settings.support_lines, jump_px)
     return _slit_pixels(dips, slit, rig, settings)
 
 
@@ -119,20 +151,16 @@ def find_dips(lines: Float[np.ndarray, "azimuths radii 3"], first_px: int, setti
     """Dark slits on every line: local minima of brightness with a bright band on either side."""
     light = lines[..., 0] + lines[..., 1] + lines[..., 2]  # a sum over the short axis is ten times slower
     noise = pixel_noise(light)
-    return Dips(
-        *_find_dips(
-            lines,
-            light,
-            SMOOTHING.astype(np.float32),
-            first_px,
-            settings.reach_px,
-            settings.min_contrast,
-            settings.noise_sigmas * noise * float(np.sqrt(np.sum(SMOOTHING**2))),
-            max(noise, 1.0),
-            settings.min_width_px,
-            settings.max_width_px,
-        )
+    limits = Limits(
+        settings.reach_px,
+        max(settings.widest_reach_px, settings.reach_px),
+        settings.min_contrast,
+        settings.noise_sigmas * noise * float(np.sqrt(np.sum(SMOOTHING**2))),
+        max(noise, 1.0),
+        settings.min_width_px,
+        settings.max_width_px,
     )
+    return Dips(*_find_dips(lines, light, SMOOTHING.astype(np.float32), first_px, limits))
 
 
 def pixel_noise(light: Float[np.ndarray, "azimuths radii"]) -> float:
@@ -144,7 +172,8 @@ def pixel_noise(light: Float[np.ndarray, "azimuths radii"]) -> float:
 
 
 @njit(cache=True)
-def _find_dips(lines, light, smoothing, first_px, reach, min_contrast, min_depth, noise, min_width, max_width):
+def _find_dips(lines, light, smoothing, first_px, limits):
+    least_reach, widest_reach, min_contrast, min_depth, noise, min_width, max_width = limits
     n_lines, n = light.shape
     count = np.zeros(n_lines, dtype=np.int64)
     radius = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
@@ -152,7 +181,11 @@ def _find_dips(lines, light, smoothing, first_px, reach, min_contrast, min_depth
     sigma = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
     inside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
     outside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
+    floor = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
+    start = np.zeros((n_lines, 4))
     smooth = np.empty(n, dtype=np.float32)
+    flat = np.empty(n, dtype=np.float32)
+    sums = np.empty(n + 1)
     for k in range(n_lines):
         end = n
         while end > 0 and np.isnan(light[k, end - 1]):
@@ -161,38 +194,106 @@ def _find_dips(lines, light, smoothing, first_px, reach, min_contrast, min_depth
             smooth[i] = 0.0
             for j in range(5):
                 smooth[i] += smoothing[j] * light[k, i + j - 2]
-        for i in range(2 + reach, end - 2 - reach):
+        _flatten(smooth, 2, end - 2, sums, flat)
+        _mean_color(lines, k, 0, COLOR_SPAN_PX, start[k, :3])
+        start[k, 3] = first_px + 0.5 * COLOR_SPAN_PX
+        for i in range(2 + least_reach, end - 2 - least_reach):
             if count[k] == MAX_SLITS_A_LINE:
                 break
-            here = smooth[i]
-            if here > smooth[i - 1] or here >= smooth[i + 1]:
+            if flat[i] > flat[i - 1] or flat[i] >= flat[i + 1]:
                 continue
-            left, right = here, here
-            for j in range(1, reach + 1):
-                if smooth[i - j] < here:
-                    break
-                left = max(left, smooth[i - j])
-            for j in range(1, reach + 1):
-                if smooth[i + j] < here:
-                    break
-                right = max(right, smooth[i + j])
-            depth = min(left, right) - here
-            if depth <= max(min_depth, min_contrast * min(left, right)):
+            level = max((sums[min(i + 9, end - 2)] - sums[max(i - 8, 2)]) / 17, 1.0)
+            least = max(min_depth / level, min_contrast)
+            x_left, slope_left, x_right, slope_right = _edges(flat, i, least, 0.0, least_reach, widest_reach, end)
+            if x_right <= x_left:
                 continue
-            left, right = _band_levels(smooth, i, reach, left, right)
-            x_left, slope_left = _half_level(smooth, i, -1, here, left, reach)
-            x_right, slope_right = _half_level(smooth, i, 1, here, right, reach)
+            # where the picture itself has a deep dip, that is measured as it is
+            low = _downhill(smooth, i, end)
+            plain = _edges(smooth, low, 0.0, PLAIN_CONTRAST, least_reach, widest_reach, end)
+            if plain[2] > plain[0]:
+                x_left, slope_left, x_right, slope_right = plain
+                slope_left, slope_right = slope_left / level, slope_right / level
+            elif _below_chord(smooth, i, x_left, x_right, end) < 0.5 * least * level:
+                continue
             width = x_right - x_left
             if not min_width <= width <= max_width:
                 continue
             m = count[k]
             radius[k, m] = first_px + 0.5 * (x_left + x_right)
             widths[k, m] = width
-            sigma[k, m] = 0.25 * noise * np.sqrt(1.0 / slope_left**2 + 1.0 / slope_right**2)
-            _mean_color(lines, k, int(np.ceil(x_left)) - COLOR_GAP_PX - COLOR_SPAN_PX, inside[k, m])
-            _mean_color(lines, k, int(np.floor(x_right)) + COLOR_GAP_PX + 1, outside[k, m])
+            sigma[k, m] = 0.25 * noise / level * np.sqrt(1.0 / slope_left**2 + 1.0 / slope_right**2)
+            _mean_color(lines, k, int(np.ceil(x_left)) - COLOR_GAP_PX - COLOR_SPAN_PX, COLOR_SPAN_PX, inside[k, m])
+            _mean_color(lines, k, int(np.floor(x_right)) + COLOR_GAP_PX + 1, COLOR_SPAN_PX, outside[k, m])
+            _mean_color(lines, k, i - 1, 3, floor[k, m])
             count[k] += 1
-    return count, radius, widths, sigma, inside, outside
+    return count, radius, widths, sigma, inside, outside, floor, start
+
+
+@njit(cache=True)
+def _flatten(smooth, first, last, sums, flat):
+    """A profile over its mean around each place; `sums` are its running sums.
+
+    Far from the projector the light of haze and wall climbs so steeply that a weak slit is a bend, not a dip.
+    """
+    sums[first] = 0.0
+    for i in range(first, last):
+        sums[i + 1] = sums[i] + smooth[i]
+    for i in range(first, last):
+        reach = min(FLATTEN_PX, i - first, last - 1 - i)
+        around = (sums[i + reach + 1] - sums[i - reach]) / (2 * reach + 1)
+        flat[i] = smooth[i] / max(around, 1.0)
+
+
+@njit(cache=True)
+def _below_chord(profile, i, x_left, x_right, end):
+    """How far a place lies below the straight line between the bands beside it."""
+    left, right = max(int(x_left) - COLOR_GAP_PX, 2), min(int(x_right) + 1 + COLOR_GAP_PX, end - 3)
+    part = (i - left) / (right - left)
+    return profile[left] + part * (profile[right] - profile[left]) - profile[i]
+
+
+@njit(cache=True)
+def _downhill(profile, i, end):
+    """The nearest lowest place, at most a few steps away."""
+    for _ in range(DOWNHILL_PX):
+        if i > 3 and profile[i - 1] < profile[i]:
+            i -= 1
+        elif i < end - 4 and profile[i + 1] < profile[i]:
+            i += 1
+        else:
+            break
+    return i
+
+
+@njit(cache=True)
+def _edges(profile, i, least_depth, least_contrast, least_reach, widest_reach, end):
+    """Left and right edge of a dip, each with its slope, judged by the bands beside it; both at 0 where it is none."""
+    widest, here = min(widest_reach, i - 2, end - 3 - i), profile[i]
+    left, right = _shoulder(profile, i, -1, widest), _shoulder(profile, i, 1, widest)
+    if min(left, right) - here <= max(least_depth, least_contrast * min(left, right)):
+        return 0.0, 1.0, 0.0, 1.0
+    # the bands reach out as far as the dip is wide
+    x_left, _ = _half_level(profile, i, -1, here, left, widest)
+    x_right, _ = _half_level(profile, i, 1, here, right, widest)
+    reach = min(max(int(REACH_WIDTHS * (x_right - x_left)), least_reach), widest)
+    left, right = _shoulder(profile, i, -1, reach), _shoulder(profile, i, 1, reach)
+    if min(left, right) - here <= max(least_depth, least_contrast * min(left, right)):
+        return 0.0, 1.0, 0.0, 1.0
+    left, right = _band_levels(profile, i, reach, left, right)
+    x_left, slope_left = _half_level(profile, i, -1, here, left, reach)
+    x_right, slope_right = _half_level(profile, i, 1, here, right, reach)
+    return x_left, slope_left, x_right, slope_right
+
+
+@njit(cache=True)
+def _shoulder(smooth, i, way, reach):
+    """The brightest place within reach, before the profile falls below where it starts."""
+    highest = smooth[i]
+    for j in range(1, reach + 1):
+        if smooth[i + way * j] < smooth[i]:
+            break
+        highest = max(highest, smooth[i + way * j])
+    return highest
 
 
 @njit(cache=True)
@@ -234,42 +335,127 @@ def _half_level(smooth, i, way, low, high, reach):
 
 
 @njit(cache=True)
-def _mean_color(lines, k, first, out):
-    for i in range(max(first, 0), min(first + COLOR_SPAN_PX, lines.shape[1])):
+def _mean_color(lines, k, first, span, out):
+    found = 0
+    for i in range(max(first, 0), min(first + span, lines.shape[1])):
         if not np.isnan(lines[k, i, 0]):
+            found += 1
             for c in range(3):
                 out[c] += lines[k, i, c]
+    for c in range(3):
+        out[c] /= max(found, 1)
 
 
 def _chroma(rgb: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-    """Shares of red and blue in a colour."""
-    total = np.maximum(rgb.sum(axis=-1), 1e-9)
+    """Shares of red and blue in a colour; a channel below nothing counts as none."""
+    rgb = np.maximum(rgb, 0.0)
+    total = np.maximum(rgb[..., 0] + rgb[..., 1] + rgb[..., 2], 1e-9)
     return np.stack([rgb[..., 0] / total, rgb[..., 2] / total], axis=-1)
 
 
-def color_scores(dips: Dips) -> Float[np.ndarray, "2 lines most 3"]:
+def color_scores(dips: Dips, settings: DecodeSettings) -> Float[np.ndarray, "2 lines most 3"]:
     """Log score of each of the three colours, inside and outside of every dip.
 
-    The three centres start where the sensor's colours are known to lie and move to the frame's own (k-means), because
-    the wall's colour, haze and bleeding move all of them.
+    A band's colour is what it has beyond haze and light from the wall, whose level shows in the slits themselves; it
+    is gathered along the slit, over so many lines either way. The three centres start where the sensor's colours are
+    known to lie and move to the frame's own (k-means).
     """
     valid = np.isfinite(dips.radius_px)
     scores = np.zeros((2, *valid.shape, 3))
-    samples = np.concatenate([_chroma(dips.inside_rgb[valid]), _chroma(dips.outside_rgb[valid])])
+    rgb = np.stack([dips.inside_rgb, dips.floor_rgb, dips.outside_rgb])
+    pooled, share = _along_slits(dips.found, dips.radius_px, rgb, settings.pooled_lines, CARRY_PX)
+    bands = _beyond_floor(dips.found, dips.radius_px, dips.width_px, pooled, share >= LEAST_SHARE, dips.start_rgb)
+    samples = np.concatenate([_chroma(bands[0][valid]), _chroma(bands[1][valid])])
     if samples.shape[0] == 0:
         return scores
-    # the wall's own tint moves all three centres alike
-    centers = FIRST_CHROMA + np.median(samples, axis=0) - FIRST_CHROMA.mean(axis=0)
+    carried = np.tile(share[valid] >= LEAST_SHARE, 2)
+    few = samples[carried][::CHROMA_STRIDE]
+    centers, nearest = FIRST_CHROMA, np.zeros(0)
     for _ in range(CHROMA_ROUNDS):
-        nearest = np.argmin(_distances2(samples, centers), axis=1)
+        distances = _distances2(few, centers)
+        nearest = np.where(distances.min(axis=1) < FAR_CHROMA**2, np.argmin(distances, axis=1), -1)
         centers = np.array(
-            [np.median(samples[nearest == c], axis=0) if (nearest == c).any() else centers[c] for c in range(3)]
+            [np.median(few[nearest == c], axis=0) if (nearest == c).any() else centers[c] for c in range(3)]
         )
+    if min(np.count_nonzero(nearest == c) for c in range(3)) < max(LEAST_COLOR_SHARE * nearest.size, 1):
+        return np.full_like(scores, FOREIGN_COLOR)
     gap = min(float(np.sum((centers[a] - centers[b]) ** 2)) for a, b in ((0, 1), (0, 2), (1, 2)))
     score = -_distances2(samples, centers) / max(gap / 8, 1e-9)
     best = np.maximum(np.maximum(score[:, 0], score[:, 1]), score[:, 2])
-    scores[:, valid] = np.maximum(score - best[:, None], FOREIGN_COLOR).reshape(2, -1, 3)
+    score = np.maximum(score - best[:, None], FOREIGN_COLOR)
+    score[~carried | ~_lit(bands)[:, valid].ravel()] = FOREIGN_COLOR
+    scores[:, valid] = score.reshape(2, -1, 3)
     return scores
+
+
+def _lit(bands: Float[np.ndarray, "2 lines most 3"]) -> np.ndarray:
+    """Whether each side of a dip is a band: the foot of the light's inner edge is dark on one side."""
+    light = bands[..., 0] + bands[..., 1] + bands[..., 2]
+    return light > LEAST_BAND_SHARE * light[::-1]
+
+
+@njit(cache=True)
+def _along_slits(count, radius, rgb, lines, tolerance):
+    """Colours of each dip averaged over the dips that carry it on along the neighbouring lines; share of such lines."""
+    n_lines, most = radius.shape
+    pooled = np.zeros((3, n_lines, most, 3))
+    share = np.ones((n_lines, most))
+    for k in range(n_lines):
+        for i in range(count[k]):
+            for part in range(3):
+                for c in range(3):
+                    pooled[part, k, i, c] = rgb[part, k, i, c]
+            found = 0
+            for way in (-1, 1):
+                at, missed = radius[k, i], 0
+                for step in range(1, lines + 1):
+                    other = (k + way * step) % n_lines
+                    nearest, off = -1, tolerance
+                    for j in range(count[other]):
+                        if abs(radius[other, j] - at) <= off:
+                            nearest, off = j, abs(radius[other, j] - at)
+                    if nearest < 0:
+                        missed += 1
+                        if missed > MOST_MISSED:
+                            break
+                        continue
+                    missed, found = 0, found + 1
+                    at += CARRY_GAIN * (radius[other, nearest] - at)  # a jagged print jumps from line to line
+                    for part in range(3):
+                        for c in range(3):
+                            pooled[part, k, i, c] += rgb[part, other, nearest, c]
+            for part in range(3):
+                for c in range(3):
+                    pooled[part, k, i, c] /= found + 1
+            if lines > 0:
+                share[k, i] = found / (2.0 * lines)
+    return pooled, share
+
+
+@njit(cache=True)
+def _beyond_floor(count, radius, width, pooled, anchor, start):
+    """Colours inside and outside of each dip less the level between the floors of the dips that are slits."""
+    n_lines, most = radius.shape
+    bands = np.zeros((2, n_lines, most, 3))
+    for k in range(n_lines):
+        for i in range(count[k]):
+            off = 0.5 * width[k, i] + COLOR_GAP_PX + 0.5 * COLOR_SPAN_PX
+            before, after = i - 1, i + 1
+            while before >= 0 and not anchor[k, before]:
+                before -= 1
+            while after < count[k] and not anchor[k, after]:
+                after += 1
+            for c in range(3):
+                here = pooled[1, k, i, c]
+                inner = pooled[1, k, before, c] if before >= 0 else start[k, c]
+                gap = radius[k, i] - (radius[k, before] if before >= 0 else start[k, 3])
+                bands[0, k, i, c] = pooled[0, k, i, c] - (here + (inner - here) * min(off / max(gap, 1.0), 1.0))
+                level = here
+                if after < count[k]:
+                    step = (pooled[1, k, after, c] - here) / max(radius[k, after] - radius[k, i], 1.0)
+                    level = here + step * min(off, radius[k, after] - radius[k, i])
+                bands[1, k, i, c] = pooled[2, k, i, c] - level
+    return bands
 
 
 def _distances2(chroma: Float[np.ndarray, "n 2"], centers: Float[np.ndarray, "3 2"]) -> Float[np.ndarray, "n 3"]:
@@ -318,14 +504,29 @@ def _name(count, inside, outside, pairs):
 
 
 def _of_usual_width(slit: Int[np.ndarray, "lines most"], width_px: np.ndarray, slits: int, ratio: float) -> np.ndarray:
-    """Drop what is much wider or narrower than the same slit elsewhere: the shadow that a defect's rim throws."""
+    """Drop what is much wider or narrower than the same slit elsewhere: the shadow that a defect's rim throws.
+
+    How much is seen from the slit itself, where its print is rough.
+    """
     out = slit.copy()
     for j in range(slits):
         mine = slit == j
         if mine.any():
-            usual = np.median(width_px[mine])
-            out[mine & ((width_px > usual * ratio) | (width_px < usual / ratio))] = -1
+            off = np.abs(np.log(width_px / np.median(width_px[mine])))
+            out[mine & (off > max(np.log(ratio), ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(off[mine])))] = -1
     return out
+
+
+def _jump_px(slit: Int[np.ndarray, "lines most"], radius_px: np.ndarray, slits: int, least_px: float) -> np.ndarray:
+    """How far each slit may move from line to line: as far as its own roughness makes it."""
+    jumps = np.full(slits, least_px)
+    for j in range(slits):
+        line, place = np.nonzero(slit == j)
+        if line.size > 2:
+            step = np.diff(radius_px[line, place])[np.diff(line) == 1]
+            if step.size:
+                jumps[j] = max(least_px, ROUGH_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(step))))
+    return jumps
 
 
 @njit(cache=True)
@@ -343,8 +544,9 @@ def _supported(slit, radius, count, lines, tolerance):
                 other = (k + step) % n_lines
                 if step == 0:
                     continue
+                reach = tolerance[slit[k, i]] * abs(step)
                 for j in range(count[other]):
-                    if slit[other, j] == slit[k, i] and abs(radius[other, j] - radius[k, i]) <= tolerance * abs(step):
+                    if slit[other, j] == slit[k, i] and abs(radius[other, j] - radius[k, i]) <= reach:
                         support += 1
                         break
             if support >= needed:
