@@ -20,7 +20,7 @@ REACH_WIDTHS = 1.6  # the bands beside a slit are looked at so many of its width
 FLATTEN_PX = 32  # the slow rise of the light is the mean over so much either way
 DOWNHILL_PX = 4
 PLAIN_CONTRAST = 0.3  # a dip this deep is measured in the picture as it is
-ROUGH_SIGMAS = 3.0
+ROUGH_SIGMAS, ROUGH_LINES = 3.0, 3
 COLOR_GAP_PX, COLOR_SPAN_PX = 3, 8  # a band's colour is read this far from a slit's edge, over this length
 COLORS = "RYB"
 # where the three colours lie to begin with, as shares of red and blue in the light (the real sensor's, roughly)
@@ -48,6 +48,7 @@ class DecodeSettings(Settings):
     min_width_px: Annotated[float, Field(ge=0)] = 2.5
     max_width_px: Annotated[float, Field(gt=0)] = 36.0
     width_ratio: Annotated[float, Field(gt=1)] = 1.4
+    depth_share: Annotated[float, Field(ge=0, lt=1)] = 0.3
     pooled_lines: Annotated[int, Field(ge=0, le=60)] = 8
     support_lines: Annotated[int, Field(ge=0, le=20)] = 2
     support_px: Annotated[float, Field(gt=0)] = 3.0
@@ -94,11 +95,11 @@ def decode(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, settings: Dec
     dips = find_dips(lines, first, settings)
     colors = color_scores(dips, settings)
     slit = name_slits(dips, colors, rig)
-    slits = len(rig.projector.slits)
-    slit = _of_usual_width(slit, dips.width_px, slits, settings.width_ratio)
-    jump_px = _jump_px(slit, dips.radius_px, slits, settings.support_px)
+    slit = usual(slit, dips, settings)
+    radius_px = _by_line(slit, dips.radius_px, len(rig.projector.slits))
+    jump_px = _jump_px(radius_px, settings.support_px)
     slit = _supported(slit, dips.radius_px, dips.found, settings.support_lines, jump_px)
-    return _slit_pixels(dips, slit, rig, settings)
+    return _slit_pixels(dips, slit, _roughness_px(radius_px), rig, settings)
 
 
 def radial_range_px(rig: Rig) -> tuple[int, int]:
@@ -210,7 +211,8 @@ def _find_dips(lines, light, smoothing, first_px, limits):
             # where the picture itself has a deep dip, that is measured as it is
             low = _downhill(smooth, i, end)
             plain = _edges(smooth, low, 0.0, PLAIN_CONTRAST, least_reach, widest_reach, end)
-            if plain[2] > plain[0]:
+            deep = plain[2] > plain[0]
+            if deep:
                 x_left, slope_left, x_right, slope_right = plain
                 slope_left, slope_right = slope_left / level, slope_right / level
             elif _below_chord(smooth, i, x_left, x_right, end) < 0.5 * least * level:
@@ -222,8 +224,8 @@ def _find_dips(lines, light, smoothing, first_px, limits):
             radius[k, m] = first_px + 0.5 * (x_left + x_right)
             widths[k, m] = width
             sigma[k, m] = 0.25 * noise / level * np.sqrt(1.0 / slope_left**2 + 1.0 / slope_right**2)
-            _mean_color(lines, k, int(np.ceil(x_left)) - COLOR_GAP_PX - COLOR_SPAN_PX, COLOR_SPAN_PX, inside[k, m])
-            _mean_color(lines, k, int(np.floor(x_right)) + COLOR_GAP_PX + 1, COLOR_SPAN_PX, outside[k, m])
+            _band_color(lines, smooth, k, i, int(np.ceil(x_left)), -1, end, deep, inside[k, m])
+            _band_color(lines, smooth, k, i, int(np.floor(x_right)), 1, end, deep, outside[k, m])
             _mean_color(lines, k, i - 1, 3, floor[k, m])
             count[k] += 1
     return count, radius, widths, sigma, inside, outside, floor, start
@@ -332,6 +334,25 @@ def _half_level(smooth, i, way, low, high, reach):
         if b >= level:
             return i + way * (j - 1 + (level - a) / (b - a)), b - a
     return float(i + way * reach), 1e-3
+
+
+@njit(cache=True)
+def _band_color(lines, smooth, k, i, edge, way, end, deep, out):
+    """Colour of the band beside a dip; of one that a shadow cuts short (it shows beside a deep dip), its middle."""
+    first, last = COLOR_GAP_PX + 1, COLOR_GAP_PX + COLOR_SPAN_PX
+    far = min(last, end - 3 - edge if way > 0 else edge - 2)
+    if deep and far > 0:
+        brightest, wide = smooth[i], 0
+        for j in range(1, far + 1):
+            brightest = max(brightest, smooth[edge + way * j])
+        for j in range(1, far + 1):
+            if 2.0 * smooth[edge + way * j] > smooth[i] + brightest:
+                wide = j
+            elif wide > 0:
+                break
+        if 0 < wide < far:
+            first, last = max(wide // 2, 1), wide // 2 + 1
+    _mean_color(lines, k, edge + first if way > 0 else edge - last, last - first + 1, out)
 
 
 @njit(cache=True)
@@ -503,30 +524,66 @@ def _name(count, inside, outside, pairs):
     return out
 
 
-def _of_usual_width(slit: Int[np.ndarray, "lines most"], width_px: np.ndarray, slits: int, ratio: float) -> np.ndarray:
-    """Drop what is much wider or narrower than the same slit elsewhere: the shadow that a defect's rim throws.
+def usual(slit: Int[np.ndarray, "lines most"], dips: Dips, settings: DecodeSettings) -> Int[np.ndarray, "lines most"]:
+    """Drop what is no slit by its look: the shadow that a defect's rim throws.
 
-    How much is seen from the slit itself, where its print is rough.
+    It is much wider, narrower or shallower than the same slit elsewhere; how much is seen from the slit itself, where
+    its print is rough or the light weak.
     """
+    line, place = np.nonzero(slit >= 0)
+    which = slit[line, place]
+    off_width = np.log(dips.width_px[line, place])
+    depth = _depth(dips, line, place)
     out = slit.copy()
-    for j in range(slits):
-        mine = slit == j
-        if mine.any():
-            off = np.abs(np.log(width_px / np.median(width_px[mine])))
-            out[mine & (off > max(np.log(ratio), ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(off[mine])))] = -1
+    for j in range(int(slit.max(initial=-1)) + 1):
+        mine = which == j
+        if not mine.any():
+            continue
+        wide = np.abs(off_width[mine] - np.median(off_width[mine]))
+        shallow = np.median(depth[mine]) - depth[mine]
+        most_wide = max(np.log(settings.width_ratio), ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(wide))
+        most_shallow = max(
+            (1 - settings.depth_share) * np.median(depth[mine]),
+            ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(shallow)),
+        )
+        out[line[mine], place[mine]] = np.where((wide > most_wide) | (shallow > most_shallow), -1, j)
     return out
 
 
-def _jump_px(slit: Int[np.ndarray, "lines most"], radius_px: np.ndarray, slits: int, least_px: float) -> np.ndarray:
+def _depth(dips: Dips, line: Int[np.ndarray, "n"], place: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """How much darker each dip is than the darker of the bands beside it, as a share of that."""
+    floor, inside, outside = (
+        rgb[line, place, 0] + rgb[line, place, 1] + rgb[line, place, 2]
+        for rgb in (dips.floor_rgb, dips.inside_rgb, dips.outside_rgb)
+    )
+    return 1.0 - floor / np.maximum(np.minimum(inside, outside), 1.0)
+
+
+def _by_line(
+    slit: Int[np.ndarray, "lines most"], radius_px: np.ndarray, slits: int
+) -> Float[np.ndarray, "slits lines"]:
+    """Where each slit was seen on each line, px from the picture's centre; NaN where it was not."""
+    line, place = np.nonzero(slit >= 0)
+    out = np.full((slits, len(slit)), np.nan)
+    out[slit[line, place], line] = radius_px[line, place]
+    return out
+
+
+def _spread_of(change: Float[np.ndarray, "slits n"]) -> Float[np.ndarray, "slits"]:
+    """Robust standard deviation of each row's known values; 0 of a row without."""
+    known = [row[np.isfinite(row)] for row in change]
+    return np.array([MAD_TO_SIGMA * float(np.median(np.abs(row))) if row.size else 0.0 for row in known])
+
+
+def _jump_px(radius_px: Float[np.ndarray, "slits lines"], least_px: float) -> Float[np.ndarray, "slits"]:
     """How far each slit may move from line to line: as far as its own roughness makes it."""
-    jumps = np.full(slits, least_px)
-    for j in range(slits):
-        line, place = np.nonzero(slit == j)
-        if line.size > 2:
-            step = np.diff(radius_px[line, place])[np.diff(line) == 1]
-            if step.size:
-                jumps[j] = max(least_px, ROUGH_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(step))))
-    return jumps
+    return np.maximum(ROUGH_SIGMAS * _spread_of(np.diff(radius_px)), least_px)
+
+
+def _roughness_px(radius_px: Float[np.ndarray, "slits lines"]) -> Float[np.ndarray, "slits"]:
+    """How far each slit's places scatter about those some lines to either side: noise and the slide's print alike."""
+    beside = 0.5 * (np.roll(radius_px, ROUGH_LINES, axis=1) + np.roll(radius_px, -ROUGH_LINES, axis=1))
+    return _spread_of(radius_px - beside) / np.sqrt(1.5)
 
 
 @njit(cache=True)
@@ -554,12 +611,20 @@ def _supported(slit, radius, count, lines, tolerance):
     return out
 
 
-def _slit_pixels(dips: Dips, slit: Int[np.ndarray, "lines most"], rig: Rig, settings: DecodeSettings) -> SlitPixels:
+def _slit_pixels(
+    dips: Dips,
+    slit: Int[np.ndarray, "lines most"],
+    roughness_px: Float[np.ndarray, "slits"],
+    rig: Rig,
+    settings: DecodeSettings,
+) -> SlitPixels:
     line, place = np.nonzero(slit >= 0)
     order = np.lexsort((line, slit[line, place]))
     line, place = line[order], place[order]
+    which, own = slit[line, place], dips.sigma_px[line, place]
     along = directions(settings.azimuths)[line]
     pixel = np.array([rig.camera.cx_px, rig.camera.cy_px]) + dips.radius_px[line, place, None] * along
-    # the slide's print is no cleaner than this, however little noise the picture has
-    sigma = np.hypot(dips.sigma_px[line, place], settings.edge_std_px)
-    return SlitPixels(pixel, slit[line, place], sigma)
+    # the slide's print is as rough as the slit looks beyond the picture's noise, and never quite clean
+    usual_own = np.array([np.median(own[which == j]) if (which == j).any() else 0.0 for j in range(roughness_px.size)])
+    print2 = np.maximum(roughness_px**2 - usual_own**2, settings.edge_std_px**2)
+    return SlitPixels(pixel, which, np.sqrt(own**2 + print2[which]))
