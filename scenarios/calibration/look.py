@@ -9,7 +9,9 @@ from jaxtyping import Float, UInt8
 
 from algorithms.calibration.pipe_view import PipeView
 from algorithms.calibration.slide import with_jag
-from algorithms.decode import DecodeSettings, find_dips, pixel_noise, polar_lines, radial_range_px
+from algorithms.decoding.dips import find_dips
+from algorithms.decoding.lines import pixel_noise, polar_lines, radial_range_px
+from algorithms.decoding.settings import DecodeSettings
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
 from sensor_model.raycast import draw
@@ -57,14 +59,13 @@ def look_of(picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig: R
     radius = _radii(view, rig, settings.azimuths)
     slits = len(radius)
     dips = find_dips(lines, first, settings)
-    light = lines.sum(axis=2)
     smooth = np.array([_running_median(row) for row in radius])
     rough = radius - smooth
     middles = [0.5 * (smooth[j] + smooth[j + 1]) for j in range(slits - 1)]
-    bands = [_sampled(lines, middle - first) for middle in middles]
+    bands = [_sampled(lines.rgb, middle - first) for middle in middles]
     contrast = np.full(slits, np.nan)
     for j in range(slits):
-        floor = _sampled(lines, radius[j] - first).sum(axis=1)
+        floor = _sampled(lines.rgb, radius[j] - first).sum(axis=1)
         beside = [bands[k].sum(axis=1) for k in (j - 1, j) if 0 <= k < slits - 1]
         if np.isfinite(floor).any():
             level = np.mean(np.array(beside), axis=0)
@@ -76,8 +77,8 @@ def look_of(picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig: R
         np.array([_rms(row) for row in rough]),
         _length_deg(rough, 360 / settings.azimuths),
         np.array([np.nanmean(band, axis=0) if np.isfinite(band).any() else np.full(3, np.nan) for band in bands]),
-        pixel_noise(light) / np.sqrt(3),
-        np.nanmean(lines[strut][:, 100:300], axis=(0, 1)),
+        pixel_noise(lines.light) / np.sqrt(3),
+        np.nanmean(lines.rgb[strut][:, 100:300], axis=(0, 1)),
     )
 
 
