@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,11 +12,15 @@ from algorithms.calibration.boards import ArucoGrid
 from algorithms.calibration.pipe_view import robust_residual_mm, view_pipe
 from algorithms.calibration.seat import fit_seat
 from algorithms.calibration.slide import learn_slide
-from algorithms.decode import DecodeSettings
+from algorithms.decode import DecodeSettings, decode
 from scenarios.calibration import projector
 from scenarios.calibration.pictures import read_picture
 from sensor_model.rig import Rig, load_settings, preset_rig
 
+# read by eye from magnified strips of the frames, every 10 degrees, before any decoder's points were laid over them
+LABELS = Path(__file__).with_name("in_pipe_labels.csv")
+LABEL_PX = 12.0  # slits are 35 px apart or more; the eye and the slide's print are off by 3
+LINE_DEG = 0.5
 PUBLISHED_DEG = [19.19, 21.43, 23.99, 26.58, 28.99]
 PUBLISHED_RMS_MM = [0.36, 0.37, 0.38, 0.47, 0.44]
 
@@ -68,3 +75,25 @@ def test_real_frames_are_decoded_and_one_diameter_and_one_slide_fit_both(calibra
     assert learned.helps
     assert (learned.corrected_mm < 0.75 * learned.plain_mm).all()
     assert max(robust_residual_mm(view) for view in views) < 1.2
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_slits_are_found_where_the_eye_sees_them(frames, number):
+    rig = preset_rig()
+    seen = decode(frames[number - 1], rig, DecodeSettings())
+    off = seen.pixel - [rig.camera.cx_px, rig.camera.cy_px]
+    azimuth_deg, radius_px = np.degrees(np.arctan2(off[:, 0], -off[:, 1])) % 360, np.hypot(off[:, 0], off[:, 1])
+    with LABELS.open() as file:
+        rows = [row for row in csv.DictReader(file) if row["frame"] == f"im{number}"]
+    assert len(rows) > 200
+    names = [slit.name for slit in rig.projector.slits]
+    found, right = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
+    inner = np.array([row["slit"] in names[:5] for row in rows])
+    for k, row in enumerate(rows):
+        line = np.abs(azimuth_deg - float(row["azimuth_deg"])) < 0.5 * LINE_DEG
+        here = radius_px[line & (seen.slit == names.index(row["slit"]))]
+        found[k] = here.size > 0
+        right[k] = here.size > 0 and abs(here[0] - float(row["radius_px"])) < LABEL_PX
+    assert right[inner].mean() >= 0.90
+    assert right[~inner].mean() >= 0.80
+    assert np.mean(found & ~right) < 0.01
