@@ -65,7 +65,8 @@ def fused_pass(frame: TrueFrame) -> Callable[[], object]:
     points, sums = frame.points, np.empty(TERMS)
     start = start_of(points.xyz_mm, odometry(frame.T_pipe_camera).T_pipe_camera, 76.2)
     packed, _ = pack(points.xyz_mm, points.direction, points.sigma_mm, 0, points.sigma_mm.size, 1)
-    return lambda: normal_equations(packed, start, 4.0, sums)
+    residual = np.empty(packed.shape[1])
+    return lambda: normal_equations(packed, start, 4.0, sums, residual)
 
 
 def aligner(name: str, case: FrameCase, frame: TrueFrame) -> Callable[[], object]:
