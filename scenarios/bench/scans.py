@@ -23,7 +23,7 @@ from scenarios.run import RunFailed, sensed, true_poses
 from scenarios.scenario import Scenario
 from scenarios.score import FrameTally, placed, tally_shape
 from sensor_model.geometry import apply
-from sensor_model.recording import Recording, SlitPixels
+from sensor_model.recording import Recording, SlitPixels, open_recording
 from sensor_model.rig import Rig
 from sensor_model.streams import stream
 from sensor_model.workers import spread
@@ -71,7 +71,8 @@ def take_scan(scenario: Scenario, workers: int, progress: Report) -> Scan:
     try:
         truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
         with TemporaryDirectory(prefix="pipetwin-") as folder:
-            recording = sensed(scenario, truth, Path(folder), workers, {}, progress)
+            sensed(scenario, truth, Path(folder), workers, {}, progress)
+            recording = open_recording(Path(folder))
             ahead = 1 if scenario.sensing.fidelity == "points" else workers
             jobs = ((recording, index, scenario.method) for index in range(len(recording)))
             seen = []
