@@ -2,54 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
-
 import numpy as np
 from jaxtyping import Float, Int, UInt8
-from numba import njit
-from pydantic import Field
 
-from algorithms.robust import MAD_TO_SIGMA
-from sensor_model.geometry import fisheye_project
+from algorithms.decoding.colors import color_scores
+from algorithms.decoding.dips import Dips, find_dips
+from algorithms.decoding.lines import directions, polar_lines, radial_range_px
+from algorithms.decoding.settings import DecodeSettings
+from algorithms.decoding.words import by_line, jump_px, name_slits, roughness_px, supported, usual
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
-from sensor_model.settings import Settings
-
-MAX_SLITS_A_LINE = 24
-COLOR_GAP_PX, COLOR_SPAN_PX = 3, 8  # a band's colour is read this far from a slit's edge, over this length
-COLORS = "RYB"
-# where the three colours lie to begin with, as shares of red and blue in the light (the real sensor's, roughly)
-FIRST_CHROMA = np.array([[0.48, 0.22], [0.385, 0.265], [0.32, 0.37]])
-CHROMA_ROUNDS = 4
-SKIPPED_SLIT, SPARE_DIP, FOREIGN_COLOR = -2.0, -3.0, -8.0  # log scores
-EDGE_FROM_MIDDLE_SHARE = 0.25  # a slit's edge lies about this share of the reach from its middle
-SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
-
-
-class DecodeSettings(Settings):
-    """Settings of the decoder: lines around the picture's centre, what counts as a dark slit, what supports it."""
-
-    azimuths: Annotated[int, Field(ge=36, le=7200)] = 720
-    reach_px: Annotated[int, Field(ge=4, le=60)] = 16
-    min_contrast: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    noise_sigmas: Annotated[float, Field(ge=0)] = 5.0
-    min_width_px: Annotated[float, Field(ge=0)] = 2.5
-    max_width_px: Annotated[float, Field(gt=0)] = 22.0
-    width_ratio: Annotated[float, Field(gt=1)] = 1.4
-    support_lines: Annotated[int, Field(ge=0, le=20)] = 2
-    support_px: Annotated[float, Field(gt=0)] = 3.0
-    edge_std_px: Annotated[float, Field(ge=0)] = 0.15
-
-
-class Dips(NamedTuple):
-    """Dark places, so many on every line: radius, width, standard deviation, colours inside and outside."""
-
-    found: Int[np.ndarray, "lines"]
-    radius_px: Float[np.ndarray, "lines most"]
-    width_px: Float[np.ndarray, "lines most"]
-    sigma_px: Float[np.ndarray, "lines most"]
-    inside_rgb: Float[np.ndarray, "lines most 3"]
-    outside_rgb: Float[np.ndarray, "lines most 3"]
 
 
 def decode(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, settings: DecodeSettings) -> SlitPixels:
@@ -62,302 +24,28 @@ def decode(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, settings: Dec
     lines = polar_lines(picture, rig, settings.azimuths)
     first = radial_range_px(rig)[0]
     dips = find_dips(lines, first, settings)
-    colors = color_scores(dips)
+    colors = color_scores(dips, settings)
     slit = name_slits(dips, colors, rig)
-    slit = _of_usual_width(slit, dips.width_px, len(rig.projector.slits), settings.width_ratio)
-    slit = _supported(slit, dips.radius_px, dips.found, settings.support_lines, settings.support_px)
-    return _slit_pixels(dips, slit, rig, settings)
+    slit = usual(slit, dips, settings)
+    radius_px = by_line(slit, dips.radius_px, len(rig.projector.slits))
+    slit = supported(slit, dips.radius_px, dips.found, settings.support_lines, jump_px(radius_px, settings.support_px))
+    return _slit_pixels(dips, slit, roughness_px(radius_px), rig, settings)
 
 
-def radial_range_px(rig: Rig) -> tuple[int, int]:
-    """First and last radius at which a slit can appear: no wall is so far that its ray is flatter than the cone."""
-    flattest = rig.projector.slit_half_angles_rad[0] - np.radians(3.0)
-    camera = rig.camera
-    ray = np.array([0.0, np.sin(flattest), np.cos(flattest)])
-    first = fisheye_project(ray, camera.intrinsics)[1] - camera.cy_px
-    last = np.hypot(max(camera.cx_px, camera.width_px - camera.cx_px), 0.5 * camera.height_px)
-    return int(first), int(last)
-
-
-def directions(azimuths: int) -> Float[np.ndarray, "azimuths 2"]:
-    """Direction of each line in the picture: from 12 o'clock, clockwise (u right, v down)."""
-    angle = np.arange(azimuths) * 2 * np.pi / azimuths
-    return np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-
-
-def polar_lines(
-    picture: UInt8[np.ndarray, "height width 3"], rig: Rig, azimuths: int
-) -> Float[np.ndarray, "azimuths radii 3"]:
-    """The picture resampled along lines from the principal point, one pixel a step; NaN outside the picture."""
-    first, last = radial_range_px(rig)
-    return _polar(picture, rig.camera.cx_px, rig.camera.cy_px, directions(azimuths), first, last)
-
-
-@njit(cache=True)
-def _polar(picture, cx, cy, directions, first, last):
-    """Bilinear samples with exact fractions (a library's fixed-point map errs by 1/64 px)."""
-    height, width = picture.shape[0], picture.shape[1]
-    out = np.full((directions.shape[0], last - first, 3), np.nan, dtype=np.float32)
-    for k in range(directions.shape[0]):
-        for i in range(last - first):
-            u = cx + (first + i) * directions[k, 0]
-            v = cy + (first + i) * directions[k, 1]
-            left, top = int(np.floor(u)), int(np.floor(v))
-            if left < 0 or top < 0 or left + 1 >= width or top + 1 >= height:
-                break
-            a, b = np.float32(u - left), np.float32(v - top)
-            for c in range(3):
-                upper = picture[top, left, c] + a * (np.float32(picture[top, left + 1, c]) - picture[top, left, c])
-                lower = picture[top + 1, left, c] + a * (
-                    np.float32(picture[top + 1, left + 1, c]) - picture[top + 1, left, c]
-                )
-                out[k, i, c] = upper + b * (lower - upper)
-    return out
-
-
-def find_dips(lines: Float[np.ndarray, "azimuths radii 3"], first_px: int, settings: DecodeSettings) -> Dips:
-    """Dark slits on every line: local minima of brightness with a bright band on either side."""
-    light = lines[..., 0] + lines[..., 1] + lines[..., 2]  # a sum over the short axis is ten times slower
-    noise = pixel_noise(light)
-    return Dips(
-        *_find_dips(
-            lines,
-            light,
-            SMOOTHING.astype(np.float32),
-            first_px,
-            settings.reach_px,
-            settings.min_contrast,
-            settings.noise_sigmas * noise * float(np.sqrt(np.sum(SMOOTHING**2))),
-            max(noise, 1.0),
-            settings.min_width_px,
-            settings.max_width_px,
-        )
-    )
-
-
-def pixel_noise(light: Float[np.ndarray, "azimuths radii"]) -> float:
-    """Standard deviation of the noise of one sample, from second differences, which the slow picture hardly enters."""
-    thin = light[::8]
-    second = (thin[:, 2:] - 2 * thin[:, 1:-1] + thin[:, :-2])[:, ::2]
-    second = second[np.isfinite(second)]
-    return MAD_TO_SIGMA * float(np.median(np.abs(second))) / np.sqrt(6) if second.size else 0.0
-
-
-@njit(cache=True)
-def _find_dips(lines, light, smoothing, first_px, reach, min_contrast, min_depth, noise, min_width, max_width):
-    n_lines, n = light.shape
-    count = np.zeros(n_lines, dtype=np.int64)
-    radius = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
-    widths = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
-    sigma = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
-    inside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
-    outside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
-    smooth = np.empty(n, dtype=np.float32)
-    for k in range(n_lines):
-        end = n
-        while end > 0 and np.isnan(light[k, end - 1]):
-            end -= 1
-        for i in range(2, end - 2):
-            smooth[i] = 0.0
-            for j in range(5):
-                smooth[i] += smoothing[j] * light[k, i + j - 2]
-        for i in range(2 + reach, end - 2 - reach):
-            if count[k] == MAX_SLITS_A_LINE:
-                break
-            here = smooth[i]
-            if here > smooth[i - 1] or here >= smooth[i + 1]:
-                continue
-            left, right = here, here
-            for j in range(1, reach + 1):
-                if smooth[i - j] < here:
-                    break
-                left = max(left, smooth[i - j])
-            for j in range(1, reach + 1):
-                if smooth[i + j] < here:
-                    break
-                right = max(right, smooth[i + j])
-            depth = min(left, right) - here
-            if depth <= max(min_depth, min_contrast * min(left, right)):
-                continue
-            left, right = _band_levels(smooth, i, reach, left, right)
-            x_left, slope_left = _half_level(smooth, i, -1, here, left, reach)
-            x_right, slope_right = _half_level(smooth, i, 1, here, right, reach)
-            width = x_right - x_left
-            if not min_width <= width <= max_width:
-                continue
-            m = count[k]
-            radius[k, m] = first_px + 0.5 * (x_left + x_right)
-            widths[k, m] = width
-            sigma[k, m] = 0.25 * noise * np.sqrt(1.0 / slope_left**2 + 1.0 / slope_right**2)
-            _mean_color(lines, k, int(np.ceil(x_left)) - COLOR_GAP_PX - COLOR_SPAN_PX, inside[k, m])
-            _mean_color(lines, k, int(np.floor(x_right)) + COLOR_GAP_PX + 1, outside[k, m])
-            count[k] += 1
-    return count, radius, widths, sigma, inside, outside
-
-
-@njit(cache=True)
-def _band_levels(smooth, i, reach, highest_left, highest_right):
-    """Brightness of the bands at the slit's own edges, on a straight line from what they are further out.
-
-    Light fades along the pipe: the brightest place within reach lies further out on one side than on the other, and
-    half of it would move the slit. Both bands fade alike, so that one slope serves both.
-    """
-    near, far = (5 * reach) // 8, reach
-    half = (near + far) // 2
-    levels = np.zeros(4)
-    for j in range(near, far):
-        k = 0 if j < half else 1
-        levels[k] += smooth[i - j] / (half - near if k == 0 else far - half)
-        levels[2 + k] += smooth[i + j] / (half - near if k == 0 else far - half)
-    left, right = 0.5 * (levels[0] + levels[1]), 0.5 * (levels[2] + levels[3])
-    here = smooth[i]
-    if left - here < 0.7 * (highest_left - here) or right - here < 0.7 * (highest_right - here):
-        return highest_left, highest_right  # another edge is near: there is no band to follow
-    gap = 0.5 * (far - near)
-    fade = 0.5 * ((levels[0] - levels[1]) / left + (levels[3] - levels[2]) / right) / gap
-    move = 0.5 * (near + far - 1) - EDGE_FROM_MIDDLE_SHARE * reach
-    edge_left, edge_right = left * (1.0 + fade * move), right * (1.0 - fade * move)
-    if min((edge_left - here) / (left - here), (edge_right - here) / (right - here)) < 0.7:
-        return highest_left, highest_right  # nor is a step in brightness a fading band
-    return edge_left, edge_right
-
-
-@njit(cache=True)
-def _half_level(smooth, i, way, low, high, reach):
-    """Where the profile has risen halfway from a minimum, and how steeply it rises there, in one direction."""
-    level = 0.5 * (low + high)
-    for j in range(1, reach + 1):
-        a, b = smooth[i + way * (j - 1)], smooth[i + way * j]
-        if b >= level:
-            return i + way * (j - 1 + (level - a) / (b - a)), b - a
-    return float(i + way * reach), 1e-3
-
-
-@njit(cache=True)
-def _mean_color(lines, k, first, out):
-    for i in range(max(first, 0), min(first + COLOR_SPAN_PX, lines.shape[1])):
-        if not np.isnan(lines[k, i, 0]):
-            for c in range(3):
-                out[c] += lines[k, i, c]
-
-
-def _chroma(rgb: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-    """Shares of red and blue in a colour."""
-    total = np.maximum(rgb.sum(axis=-1), 1e-9)
-    return np.stack([rgb[..., 0] / total, rgb[..., 2] / total], axis=-1)
-
-
-def color_scores(dips: Dips) -> Float[np.ndarray, "2 lines most 3"]:
-    """Log score of each of the three colours, inside and outside of every dip.
-
-    The three centres start where the sensor's colours are known to lie and move to the frame's own (k-means), because
-    the wall's colour, haze and bleeding move all of them.
-    """
-    valid = np.isfinite(dips.radius_px)
-    scores = np.zeros((2, *valid.shape, 3))
-    samples = np.concatenate([_chroma(dips.inside_rgb[valid]), _chroma(dips.outside_rgb[valid])])
-    if samples.shape[0] == 0:
-        return scores
-    # the wall's own tint moves all three centres alike
-    centers = FIRST_CHROMA + np.median(samples, axis=0) - FIRST_CHROMA.mean(axis=0)
-    for _ in range(CHROMA_ROUNDS):
-        nearest = np.argmin(_distances2(samples, centers), axis=1)
-        centers = np.array(
-            [np.median(samples[nearest == c], axis=0) if (nearest == c).any() else centers[c] for c in range(3)]
-        )
-    gap = min(float(np.sum((centers[a] - centers[b]) ** 2)) for a, b in ((0, 1), (0, 2), (1, 2)))
-    score = -_distances2(samples, centers) / max(gap / 8, 1e-9)
-    best = np.maximum(np.maximum(score[:, 0], score[:, 1]), score[:, 2])
-    scores[:, valid] = np.maximum(score - best[:, None], FOREIGN_COLOR).reshape(2, -1, 3)
-    return scores
-
-
-def _distances2(chroma: Float[np.ndarray, "n 2"], centers: Float[np.ndarray, "3 2"]) -> Float[np.ndarray, "n 3"]:
-    """Squared distances written out: a sum over an axis of two is several times slower."""
-    return (chroma[:, :1] - centers[:, 0]) ** 2 + (chroma[:, 1:] - centers[:, 1]) ** 2
-
-
-def name_slits(dips: Dips, colors: Float[np.ndarray, "2 lines most 3"], rig: Rig) -> Int[np.ndarray, "lines most"]:
-    """Which slit each dip is, -1 for none: the best match in order of the colour pairs on each line."""
-    pairs = np.array([[COLORS.index(letter) for letter in slit.name] for slit in rig.projector.slits])
-    return _name(dips.found, colors[0], colors[1], pairs)
-
-
-@njit(cache=True)
-def _name(count, inside, outside, pairs):
-    """Ordered matching by dynamic programming, a line at a time; a slit may be hidden, a dip may be no slit."""
-    n_lines, most = inside.shape[0], inside.shape[1]
-    n_slits = pairs.shape[0]
-    out = np.full((n_lines, most), -1, dtype=np.int64)
-    best = np.empty((most + 1, n_slits + 1))
-    came = np.empty((most + 1, n_slits + 1), dtype=np.int64)
-    for k in range(n_lines):
-        m = count[k]
-        for i in range(m + 1):
-            best[i, 0], came[i, 0] = i * SPARE_DIP, 1
-        for j in range(n_slits + 1):
-            best[0, j], came[0, j] = j * SKIPPED_SLIT, 2
-        for i in range(1, m + 1):
-            for j in range(1, n_slits + 1):
-                best[i, j], came[i, j] = best[i - 1, j] + SPARE_DIP, 1
-                if best[i, j - 1] + SKIPPED_SLIT > best[i, j]:
-                    best[i, j], came[i, j] = best[i, j - 1] + SKIPPED_SLIT, 2
-                taken = inside[k, i - 1, pairs[j - 1, 0]] + outside[k, i - 1, pairs[j - 1, 1]]
-                if best[i - 1, j - 1] + taken > best[i, j]:
-                    best[i, j], came[i, j] = best[i - 1, j - 1] + taken, 0
-        i, j = m, n_slits
-        while i > 0 and j > 0:
-            if came[i, j] == 0:
-                out[k, i - 1] = j - 1
-                i, j = i - 1, j - 1
-            elif came[i, j] == 1:
-                i -= 1
-            else:
-                j -= 1
-    return out
-
-
-def _of_usual_width(slit: Int[np.ndarray, "lines most"], width_px: np.ndarray, slits: int, ratio: float) -> np.ndarray:
-    """Drop what is much wider or narrower than the same slit elsewhere: the shadow that a defect's rim throws."""
-    out = slit.copy()
-    for j in range(slits):
-        mine = slit == j
-        if mine.any():
-            usual = np.median(width_px[mine])
-            out[mine & ((width_px > usual * ratio) | (width_px < usual / ratio))] = -1
-    return out
-
-
-@njit(cache=True)
-def _supported(slit, radius, count, lines, tolerance):
-    """Keep what at least two of the nearest lines on either side show too, at nearly the same radius."""
-    n_lines, most = slit.shape
-    out = np.full((n_lines, most), -1, dtype=np.int64)
-    needed = min(2, lines)
-    for k in range(n_lines):
-        for i in range(count[k]):
-            if slit[k, i] < 0:
-                continue
-            support = 0
-            for step in range(-lines, lines + 1):
-                other = (k + step) % n_lines
-                if step == 0:
-                    continue
-                for j in range(count[other]):
-                    if slit[other, j] == slit[k, i] and abs(radius[other, j] - radius[k, i]) <= tolerance * abs(step):
-                        support += 1
-                        break
-            if support >= needed:
-                out[k, i] = slit[k, i]
-    return out
-
-
-def _slit_pixels(dips: Dips, slit: Int[np.ndarray, "lines most"], rig: Rig, settings: DecodeSettings) -> SlitPixels:
+def _slit_pixels(
+    dips: Dips,
+    slit: Int[np.ndarray, "lines most"],
+    rough_px: Float[np.ndarray, "slits"],
+    rig: Rig,
+    settings: DecodeSettings,
+) -> SlitPixels:
     line, place = np.nonzero(slit >= 0)
     order = np.lexsort((line, slit[line, place]))
     line, place = line[order], place[order]
+    which, own = slit[line, place], dips.sigma_px[line, place]
     along = directions(settings.azimuths)[line]
     pixel = np.array([rig.camera.cx_px, rig.camera.cy_px]) + dips.radius_px[line, place, None] * along
-    # the slide's print is no cleaner than this, however little noise the picture has
-    sigma = np.hypot(dips.sigma_px[line, place], settings.edge_std_px)
-    return SlitPixels(pixel, slit[line, place], sigma)
+    # the slide's print is as rough as the slit looks beyond the picture's noise, and never quite clean
+    usual_own = np.array([np.median(own[which == j]) if (which == j).any() else 0.0 for j in range(rough_px.size)])
+    print2 = np.maximum(rough_px**2 - usual_own**2, settings.edge_std_px**2)
+    return SlitPixels(pixel, which, np.sqrt(own**2 + print2[which]))

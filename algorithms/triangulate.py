@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from algorithms.types import RingPoints
-from sensor_model.geometry import lens_of, rays_and_angles
+from sensor_model.geometry import jag_rad, lens_of, projector_azimuth_rad, rays_and_angles
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 
@@ -21,9 +21,15 @@ def triangulate(seen: SlitPixels, rig: Rig) -> RingPoints:
     """
     projector, intrinsics = rig.projector, rig.camera.intrinsics
     axis = tuple(projector.T_camera_projector[:3, 2].tolist())
-    cosines = np.cos(projector.slit_half_angles_rad)
     rays, angles = rays_and_angles(seen.pixel, intrinsics)
-    ends = _on_cones(seen.pixel, cosines[seen.slit] ** 2, rays, angles, intrinsics, projector.apex_mm, axis)
+    half_rad = projector.slit_half_angles_rad
+    cosine2 = (np.cos(half_rad) ** 2)[seen.slit]
+    ends = _on_cones(seen.pixel, cosine2, rays, angles, intrinsics, projector.apex_mm, axis)
+    if projector.jag_table_rad.size:
+        # the azimuth on the slide hardly depends on which cone the point is thought to lie on
+        azimuth_rad = projector_azimuth_rad(np.nan_to_num(ends[:, :1]) * rays, projector.T_camera_projector)
+        jagged_rad = half_rad[seen.slit] + jag_rad(projector.jag_table_rad, seen.slit, azimuth_rad)
+        ends = _on_cones(seen.pixel, np.cos(jagged_rad) ** 2, rays, angles, intrinsics, projector.apex_mm, axis)
     return RingPoints(*_points(seen.pixel, seen.slit, seen.sigma_px, rays, ends, projector.apex_mm))
 
 

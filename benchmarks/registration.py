@@ -65,7 +65,8 @@ def fused_pass(frame: TrueFrame) -> Callable[[], object]:
     points, sums = frame.points, np.empty(TERMS)
     start = start_of(points.xyz_mm, odometry(frame.T_pipe_camera).T_pipe_camera, 76.2)
     packed, _ = pack(points.xyz_mm, points.direction, points.sigma_mm, 0, points.sigma_mm.size, 1)
-    return lambda: normal_equations(packed, start, 4.0, sums)
+    residual = np.empty(packed.shape[1])
+    return lambda: normal_equations(packed, start, 4.0, sums, residual)
 
 
 def aligner(name: str, case: FrameCase, frame: TrueFrame) -> Callable[[], object]:
@@ -120,36 +121,59 @@ def scipy_recipe(frame: TrueFrame, told_mm: float) -> Callable[[], object]:
     return fit
 
 
-def pcl_program(folder: Path) -> Path | None:
-    """PCL's fit, compiled for the processor that PCL itself was; None where this machine has no PCL or compiler."""
-    headers = sorted(Path("/usr/include").glob("pcl-*")) + sorted(Path("/usr/local/include").glob("pcl-*"))
+class Peer(NamedTuple):
+    """A library's cylinder fit, as a small C++ program: where its headers may be, and what it is linked with."""
+
+    headers: str
+    libraries: tuple[str, ...]
+    package: str
+    refines: tuple[bool, ...]
+
+
+PROGRAMS = {
+    "pcl": Peer(
+        "pcl-*/pcl",
+        tuple(f"-lpcl_{part}" for part in ("sample_consensus", "features", "search", "kdtree", "common")),
+        "libpcl-dev",
+        (False, True),
+    ),
+    "cgal": Peer("CGAL", ("-lgmp", "-lmpfr"), "libcgal-dev", (False,)),
+}
+
+
+def peer_program(name: str, folder: Path) -> Path | None:
+    """A peer's fit, compiled for the processor that its library was; None where this machine lacks it or a compiler."""
+    peer, roots = PROGRAMS[name], (Path("/usr/include"), Path("/usr/local/include"))
+    headers = sorted(found for root in roots for found in root.glob(peer.headers))
     if not headers or shutil.which("g++") is None:
+        print(f"  no {name} here (Debian: {peer.package} and g++)")
         return None
-    program = folder / "pcl_cylinder"
-    words = ["-O3", "-I", str(headers[-1]), "-I", "/usr/include/eigen3"]
-    libraries = ["-lpcl_sample_consensus", "-lpcl_features", "-lpcl_search", "-lpcl_kdtree", "-lpcl_common"]
+    program = folder / name
+    words = ["-O3", "-std=c++17", "-I", str(headers[-1].parent), "-I", "/usr/include/eigen3"]
     made = subprocess.run(
-        ["g++", *words, str(PEERS / "pcl_cylinder.cpp"), "-o", str(program), *libraries], capture_output=True, text=True
+        ["g++", *words, str(PEERS / f"{name}_cylinder.cpp"), "-o", str(program), *peer.libraries],
+        capture_output=True,
+        text=True,
     )
     if made.returncode:
-        print(f"  PCL is here but its peer does not compile: {made.stderr.strip().splitlines()[-1]}")
+        print(f"  {name} is here but its peer does not compile: {made.stderr.strip().splitlines()[-1]}")
         return None
     return program
 
 
-def pcl_rows(program: Path, case: FrameCase, frames: list[TrueFrame], refine: bool) -> np.ndarray:
-    """PCL on some frames: ms, point, axis, radius."""
+def peer_rows(program: Path, case: FrameCase, frames: list[TrueFrame], refine: bool) -> np.ndarray:
+    """A peer on some frames: ms, point, axis, radius."""
     told = [str(case.told_radius_mm), str(3 * case.noise_mm), str(int(refine))]
     clouds = b"".join(np.int64(len(f.points.xyz_mm)).tobytes() + f.points.xyz_mm.tobytes() for f in frames)
     done = subprocess.run([str(program), *told], input=clouds, capture_output=True)
     if done.returncode:
-        print(f"  PCL's program ended with {done.returncode}")
+        print(f"  {program.name}'s program ended with {done.returncode}")
         return np.zeros((len(frames), 8))
     return np.array([[float(v) for v in line.split()] for line in done.stdout.decode().splitlines()])
 
 
-def pcl_failures(values: np.ndarray, frames: list[TrueFrame]) -> tuple[int, float]:
-    """How many of PCL's fits are off by more than 1 degree or 1 mm, and their median error of the centre."""
+def peer_failures(values: np.ndarray, frames: list[TrueFrame]) -> tuple[int, float]:
+    """How many of a peer's fits are off by more than 1 degree or 1 mm, and their median error of the centre."""
     bad, centers = 0, []
     for row, frame in zip(values, frames, strict=True):
         point, axis = row[1:4], row[4:7]
@@ -173,13 +197,51 @@ def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, np.cross(axis, x)
 
 
+def open3d_icp(frame: TrueFrame, before: TrueFrame) -> Callable[[], np.ndarray]:
+    """Open3D's point-to-plane ICP of a frame against the one before, whose true pose it is given."""
+    from open3d.geometry import KDTreeSearchParamKNN, PointCloud
+    from open3d.pipelines.registration import TransformationEstimationPointToPlane, registration_icp
+    from open3d.utility import Vector3dVector
+
+    prior = odometry(frame.T_pipe_camera).T_pipe_camera
+
+    def fit() -> np.ndarray:
+        source, target = PointCloud(), PointCloud()
+        source.points = Vector3dVector(frame.points.xyz_mm)
+        target.points = Vector3dVector(before.points.xyz_mm)
+        target.transform(before.T_pipe_camera)
+        target.estimate_normals(KDTreeSearchParamKNN(200))  # so many that they lie on several rings
+        found = registration_icp(source, target, 15.0, prior, TransformationEstimationPointToPlane())
+        return np.asarray(found.transformation)
+
+    return fit
+
+
+def open3d_row(name: str, frames_each: int) -> None:
+    """One line for Open3D, where this machine has it."""
+    try:
+        import open3d  # noqa: F401
+    except ImportError:
+        return print("  no open3d here (pip install open3d)")
+    case, taken, errors = CASES[name], [], []
+    for seed in range(frames_each):
+        before, frame = two_frames(case, seed)
+        fit = open3d_icp(frame, before)
+        start = time.perf_counter()
+        found = fit()
+        taken.append(1000 * (time.perf_counter() - start))
+        errors.append(pose_error(found, frame.T_pipe_camera))
+    bad = sum(e.axis_deg > FAILED_DEG or e.center_mm > FAILED_MM for e in errors)
+    center = float(np.median([e.center_mm for e in errors]))
+    line(name, "open3d icp", float(np.median(taken)), bad, frames_each, center)
+    return None
+
+
 def peers(frames_each: int) -> None:
-    """Ours beside PCL's cylinder RANSAC and the paper's recipe in plain scipy, on the same frames."""
+    """Ours beside the cylinder fits of PCL and CGAL, Open3D's ICP and the paper's recipe, on the same frames."""
     print("\npeers on the same frames: median ms, failures, median error of the centre")
     with tempfile.TemporaryDirectory() as folder:
-        program = pcl_program(Path(folder))
-        if program is None:
-            print("  no PCL here (Debian: libpcl-dev and g++)")
+        programs = {name: peer_program(name, Path(folder)) for name in PROGRAMS}
         for name in ("clean", "defect-30", "hard", "outliers-45", "outliers-45-patch"):
             case = CASES[name]
             frames = [two_frames(case, seed)[1] for seed in range(frames_each)]
@@ -187,13 +249,14 @@ def peers(frames_each: int) -> None:
                 errors = list(frame_errors({name: case}, {ours: REGISTRATIONS[ours].settings()}, frames_each, 1))
                 row = rows(errors, "frame")[0]
                 line(name, ours, row.ms_median, row.failures, frames_each, row.center_median_mm.median)
-            if program is not None:
-                for refine in (False, True):
-                    values = pcl_rows(program, case, frames, refine)
-                    bad, center = pcl_failures(values, frames)
-                    words = "pcl, refined" if refine else "pcl"
+            for peer, program in programs.items():
+                for refine in PROGRAMS[peer].refines if program is not None else ():
+                    values = peer_rows(program, case, frames, refine)
+                    bad, center = peer_failures(values, frames)
+                    words = f"{peer}, refined" if refine else peer
                     line(name, words, float(np.median(values[:, 0])), bad, frames_each, center)
             if name in ("clean", "defect-30"):
+                open3d_row(name, min(frames_each, 10))
                 ms = interleaved({"recipe": scipy_recipe(frames[0], case.told_radius_mm)}, 3)["recipe"].median
                 print(f"  {name:18s} {'plain scipy recipe':24s} {ms:10.2f} ms")
 

@@ -45,7 +45,7 @@ LONG_SCAN = [
 ]
 MEMORY = Path("/dev/shm")  # noqa: S108  a drive would be timed as well
 COARSE = ["method.map.cell_z_mm=20"]  # for the run that makes the frames, which must see most of its map
-DECODE_PARTS = ["polar_lines", "find_dips", "color_scores", "name_slits", "_supported", "_slit_pixels"]
+DECODE_PARTS = ["polar_lines", "find_dips", "color_scores", "name_slits", "usual", "supported", "_slit_pixels"]
 LENGTHS = {"0.667 m": [], "3 m": ["pipe.end_mm=3300", "drive.end_mm=3000"]}
 
 

@@ -23,6 +23,7 @@ BaseRig = Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig whos
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     app.add_typer(calibrate, name="calibrate")
+    app.command()(decode)
 
 
 @calibrate.command()
@@ -50,6 +51,82 @@ def camera(
     _say(f"rig: {out}", f"page: {page_of(out, 'camera')}", as_json=as_json)
 
 
+@calibrate.command()
+def projector(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="CamNN.png (white light) and ProjNN.png (rings).")],
+    camera: Annotated[str, typer.Option("--camera", metavar="RIG", help="The rig with the calibrated camera.")],
+    out: OutRig,
+    as_json: AsJson = False,
+    marker_mm: Annotated[float, typer.Option("--marker-mm", min=1, max=1000, help="Side of a marker.")] = 36.2143,
+) -> None:
+    """Calibrate the projector from pictures of a board with ArUco markers (4 x 6, gaps of a fifth of a marker)."""
+    _one_thread()
+    from algorithms.calibration.boards import ArucoGrid
+    from scenarios.calibration.camera import page_of
+    from scenarios.calibration.projector import calibrate as calibrate_projector
+    from scenarios.calibration.rig_file import read_rig
+
+    board = ArucoGrid(marker_mm=marker_mm, gap_mm=marker_mm / 5)
+    _show(calibrate_projector(folder, read_rig(camera), board, out), as_json)
+    _say(f"rig: {out}", f"page: {page_of(out, 'projector')}", as_json=as_json)
+
+
+@calibrate.command()
+def imu(
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="The device's log, or a recording's orientation0/data.csv.")
+    ],
+    poses: Annotated[Path, typer.Argument(metavar="POSES", help="Board poses: .mat with rvecs, or CSV of rx, ry, rz.")],
+    out: OutRig,
+    rig: BaseRig = "endoscope",
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate how the IMU is turned against the camera (section 3.2.1)."""
+    _one_thread()
+    from scenarios.calibration.camera import page_of
+    from scenarios.calibration.imu import calibrate as calibrate_imu
+    from scenarios.calibration.rig_file import read_rig
+
+    _show(calibrate_imu(log, poses, read_rig(rig), out), as_json)
+    _say(f"rig: {out}", f"page: {page_of(out, 'imu')}", as_json=as_json)
+
+
+@calibrate.command("pipe")
+def in_pipe(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Pictures of the rings in one clean pipe.")],
+    rig: Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig to start from.")],
+    out: OutRig,
+    as_json: AsJson = False,
+) -> None:
+    """Learn how the projector sits, and how jagged its slide is, from pictures of one clean pipe."""
+    _one_thread()
+    from scenarios.calibration.in_pipe import calibrate_pipe
+    from scenarios.calibration.rig_file import read_rig
+
+    figures = calibrate_pipe(images, read_rig(rig), out)
+    _show(figures, as_json)
+    _say(f"rig: {out}", f"page: {out.with_name(out.stem + '-pipe.html')}", as_json=as_json)
+
+
+def decode(
+    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="A picture of the rings in a pipe (PNG or JPEG).")],
+    rig: Annotated[str, typer.Option("--rig", metavar="RIG", help="A rig by name, or a rig.yaml.")] = "endoscope",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Where the overlay goes.  [default: decoded/NAME]")
+    ] = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Draw the twin from the same place, and compare.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure one picture by itself: slits, points, cylinder, coverage, residual."""
+    _one_thread()
+    from scenarios.calibration.in_pipe import decode_picture
+    from scenarios.calibration.rig_file import read_rig
+
+    out = out or Path("decoded") / image.stem
+    _show(decode_picture(image, read_rig(rig), out, twin), as_json)
+    _say(f"page: {out / 'decode.html'}", as_json=as_json)
+
+
 def _one_thread() -> None:
     """Small matrices are twenty times slower on several threads when another process is at work."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -67,6 +144,10 @@ def _show(figures: dict[str, Any], as_json: bool) -> None:
             print(key if value else f"{key:<{width}}  none")
             for name, inner in value.items():
                 print(f"  {name}: {_figure(inner)}")
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            print(key)
+            for row in value:
+                print(f"  {_figure(row)}")
         elif value != "":
             print(f"{key:<{width}}  {_figure(value)}")
 

@@ -74,7 +74,8 @@ def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[s
             save_truth(truth, folder / "truth")
             progress("drive", 1, 1)
         with _stage("sense", seconds):
-            recording = sensed(scenario, truth, folder / "recording", workers, peaks_kb, progress)
+            sensed(scenario, truth, folder / "recording", workers, peaks_kb, progress)
+            recording = open_recording(folder / "recording")
         with _stage("reconstruct", seconds):
             found, tally, samples = _reconstructed(scenario, truth, recording, workers, peaks_kb, progress)
             write_reconstruction(found, folder / "reconstruction")
@@ -102,7 +103,7 @@ def _stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
 
 def sensed(
     scenario: Scenario, truth: Truth, folder: Path, workers: int, peaks_kb: dict[int, int], progress: Report
-) -> Recording:
+) -> None:
     """Have the sensor log the drive into a folder."""
     true_rig = scenario.true_rig or scenario.rig
     total = truth.sample_times_s(scenario.sensing.frame_rate_hz).size
@@ -119,7 +120,6 @@ def sensed(
     )
     for done in frames:
         progress(f"sense ({scenario.sensing.fidelity})", done, total)
-    return open_recording(folder)
 
 
 def _reconstructed(

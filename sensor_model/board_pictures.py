@@ -11,7 +11,7 @@ from numba import njit
 
 from sensor_model.geometry import inverse
 from sensor_model.optics import Optics, light
-from sensor_model.raycast import View, _aim, _dot, _in_housing, _jag, camera_rays
+from sensor_model.raycast import View, aim, camera_rays, dot, in_housing, light_spot
 from sensor_model.rig import Rig
 
 TEXEL_MM = 0.25
@@ -124,27 +124,13 @@ def _draw_board(sheet, corner, bend, T_board_camera, view, beam, white, rays, ri
             point = (range_mm * direction[0], range_mm * direction[1], range_mm * direction[2])
             normal = _normal(R, bend, x, y)
             if rings:
-                _ringed(picture[row, col], view, beam, range_mm, direction, right, down, point, normal, reflectance)
+                tangent, footprint, azimuth, level = aim(view, beam, range_mm, direction, right, down, point, normal)
+                if level > 0 and not in_housing(view, beam, point):
+                    light_spot(picture[row, col], beam, (tangent, footprint, azimuth, reflectance * level))
             else:
-                level = WHITE_LIGHT * reflectance * max(-_dot(normal, direction), 0.0)
+                level = WHITE_LIGHT * reflectance * max(-dot(normal, direction), 0.0)
                 for c in range(3):
                     picture[row, col, c] = level * white[c]
-
-
-@njit(cache=True, error_model="numpy")
-def _ringed(out, view, beam, range_mm, direction, right, down, point, normal, reflectance):
-    """Light of the rings on one pixel's piece of sheet."""
-    tangent, footprint, azimuth, level = _aim(view, beam, range_mm, direction, right, down, point, normal)
-    if level <= 0 or _in_housing(view, beam, point):
-        return
-    if beam.jag_rad > 0:
-        tangent += _jag(beam, tangent, azimuth) * (1 + tangent * tangent)
-    begin, end = tangent - footprint / 2, tangent + footprint / 2
-    for band in range(len(beam.lit_from)):
-        share = level * (min(end, beam.lit_to[band]) - max(begin, beam.lit_from[band])) / footprint
-        if share > 0:
-            for c in range(3):
-                out[c] += reflectance * share * beam.colors[band][c]
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numba import njit
 from scipy.spatial.transform import Rotation
 
@@ -230,3 +230,22 @@ def half_angle_rad(
 def cone_frame(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """`R_camera_projector`: the smallest rotation that carries the camera's z onto the projector's axis."""
     return swing_onto(np.array([0.0, 0.0, 1.0]), axis / np.linalg.norm(axis))
+
+
+def projector_azimuth_rad(
+    points_camera_mm: Float[np.ndarray, "n 3"], T_camera_projector: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "n"]:
+    """Azimuth of points about the projector's axis in [0, 2 pi): 0 at 12 o'clock, clockwise seen along the axis."""
+    x, y, _ = ((points_camera_mm - T_camera_projector[:3, 3]) @ T_camera_projector[:3, :3]).T
+    return wall_angle_rad(x, y)
+
+
+def jag_rad(
+    table_rad: Float[np.ndarray, "slits cells"], slit: Int[np.ndarray, "n"], azimuth_rad: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
+    """The slide's jaggedness at points, linear between the middles of a table's cells."""
+    cells = table_rad.shape[1]
+    place = np.mod(azimuth_rad / (2 * np.pi) * cells - 0.5, cells)
+    low = np.floor(place).astype(np.int64) % cells
+    part = place - np.floor(place)
+    return (1 - part) * table_rad[slit, low] + part * table_rad[slit, (low + 1) % cells]

@@ -120,17 +120,23 @@ def _draw(wall, view, beam, rays, picture):
             normal = inward_normal(wall, point)
             right = _ray_change(view, rays, row, max(col - 1, 0), row, min(col + 1, width - 1))
             down = _ray_change(view, rays, up, col, below, col)
-            tangent, footprint, azimuth, level = _aim(view, beam, range_mm, direction, right, down, point, normal)
-            if level <= 0 or _in_housing(view, beam, point) or point_in_shadow(wall, point, view.apex):
-                continue
-            if beam.jag_rad > 0:
-                tangent += _jag(beam, tangent, azimuth) * (1 + tangent * tangent)
-            begin, end = tangent - footprint / 2, tangent + footprint / 2
-            for band in range(len(beam.lit_from)):
-                share = level * (min(end, beam.lit_to[band]) - max(begin, beam.lit_from[band])) / footprint
-                if share > 0:
-                    for channel in range(3):
-                        picture[row, col, channel] += share * beam.colors[band][channel]
+            spot = aim(view, beam, range_mm, direction, right, down, point, normal)
+            if spot[3] > 0 and not (in_housing(view, beam, point) or point_in_shadow(wall, point, view.apex)):
+                light_spot(picture[row, col], beam, spot)
+
+
+@njit(cache=True, error_model="numpy")
+def light_spot(rgb, beam, spot):
+    """Add the light that a pixel's piece of a surface throws back: `spot` as `aim` gives it, its level at last."""
+    tangent, footprint, azimuth, level = spot
+    if beam.jag_rad > 0:
+        tangent += _jag(beam, tangent, azimuth) * (1 + tangent * tangent)
+    begin, end = tangent - footprint / 2, tangent + footprint / 2
+    for band in range(len(beam.lit_from)):
+        share = level * (min(end, beam.lit_to[band]) - max(begin, beam.lit_from[band])) / footprint
+        if share > 0:
+            for channel in range(3):
+                rgb[channel] += share * beam.colors[band][channel]
 
 
 @njit(cache=True, error_model="numpy")
@@ -143,7 +149,8 @@ def _turned(R, x, y, z):
 
 
 @njit(cache=True, error_model="numpy")
-def _dot(a, b):
+def dot(a, b):
+    """Scalar product of two triples."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -188,12 +195,12 @@ def _half_angle_tangent(view, point):
 
 
 @njit(cache=True, error_model="numpy")
-def _aim(view, beam, range_mm, direction, right, down, point, normal):
+def aim(view, beam, range_mm, direction, right, down, point, normal):
     """Where a pixel's piece of wall lies on the slide (tangent of its half angle, footprint, azimuth); its light."""
     to = (point[0] - view.apex[0], point[1] - view.apex[1], point[2] - view.apex[2])
-    distance = np.sqrt(_dot(to, to))
-    facing = -_dot(normal, to) / distance
-    looking = _dot(normal, direction)
+    distance = np.sqrt(dot(to, to))
+    facing = -dot(normal, to) / distance
+    looking = dot(normal, direction)
     if facing <= 0 or looking >= 0:
         return 0.0, 1.0, 0.0, 0.0
     M = view.R_projector_pipe
@@ -202,7 +209,7 @@ def _aim(view, beam, range_mm, direction, right, down, point, normal):
     tangent = across / along
     # gradient of the tangent on the wall, then per pixel: the footprint of one pixel on the slide
     along_right, along_down = 0.0, 0.0
-    n_right, n_down = _dot(normal, right) / looking, _dot(normal, down) / looking
+    n_right, n_down = dot(normal, right) / looking, dot(normal, down) / looking
     for i in range(3):
         gradient = ((M[0][i] * x + M[1][i] * y) / across - tangent * M[2][i]) / along
         along_right += gradient * range_mm * (right[i] - direction[i] * n_right)
@@ -224,7 +231,7 @@ def _strut(beam, azimuth):
 
 
 @njit(cache=True, error_model="numpy")
-def _in_housing(view, beam, point):
+def in_housing(view, beam, point):
     """Whether the light to a point crosses the camera's own plane within the housing."""
     R = view.R_pipe_camera
     apex_z, point_z = 0.0, 0.0

@@ -49,6 +49,11 @@ class Slit(Settings):
 
     name: Annotated[str, Field(pattern="^[RYB][RYB]$")]
     half_angle_deg: Annotated[float, Field(gt=1, lt=80)]
+    jag_deg: Annotated[tuple[Annotated[float, Field(gt=-2, lt=2)], ...], Field(max_length=3600)] = ()
+    """The slide's own jaggedness, as calibrated: what the half angle has beyond its mean, evenly around the slide.
+
+    The first value is of the cell that begins at 12 o'clock; they go clockwise. Empty: a smooth cone.
+    """
 
 
 class Projector(Settings):
@@ -74,6 +79,8 @@ class Projector(Settings):
             raise ValueError(
                 "slits must go outward, further apart than slit_width_deg, inside the inner and outer angle"
             )
+        if len({len(s.jag_deg) for s in self.slits}) > 1:
+            raise ValueError("jag_deg must have as many values for every slit, or none")
         names = [s.name for s in self.slits]
         if any(a[1] != b[0] for a, b in pairwise(names)):
             raise ValueError("a slit's outer colour must be the next slit's inner colour")
@@ -98,6 +105,11 @@ class Projector(Settings):
         between = 0.5 * (angles[:-1] + angles[1:])
         begin = np.append(0.0, between).clip(min=angles - width)
         return np.tan([begin, np.append(between, 1.5).clip(max=angles + width)])
+
+    @cached_property
+    def jag_table_rad(self) -> Float[np.ndarray, "slits cells"]:
+        """What the half angle of every slit has beyond its mean, by azimuth from 12 o'clock; no cells: smooth cones."""
+        return np.radians([s.jag_deg for s in self.slits]).reshape(len(self.slits), -1)
 
     @cached_property
     def T_camera_projector(self) -> Float[np.ndarray, "4 4"]:
@@ -157,7 +169,7 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
     yaml, text = YAML(typ="safe", pure=True), path.read_text()
     try:
         # an alias has no use in settings, and a few lines of them unfold without bounds
-        if any(isinstance(event, AliasEvent) for event in yaml.parse(text)):
+        if "*" in text and any(isinstance(event, AliasEvent) for event in yaml.parse(text)):
             raise ValueError("aliases (*name) are not taken")
         return kind.model_validate(yaml.load(text))
     except YAMLError as error:

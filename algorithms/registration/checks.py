@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 
 from algorithms.types import RingPoints
 from sensor_model.recording import NominalPipe
@@ -30,15 +31,29 @@ def unfit(points: RingPoints) -> str:
 
 def flat(xyz_mm: Float[np.ndarray, "n 3"], sigma_mm: Float[np.ndarray, "n"]) -> str:
     """Whether points lie on a line or a plane, give or take their noise; a few hundred of them tell."""
-    thin = max(sigma_mm.size // ENOUGH, 1)
-    from_middle = xyz_mm[::thin] - xyz_mm[::thin].sum(axis=0) / len(xyz_mm[::thin])
-    extent = np.sqrt(np.maximum(np.linalg.eigvalsh(from_middle.T @ from_middle / len(from_middle)), 0.0))
-    noise = max(FLAT_SHARE * float(extent[2]), FLAT_SIGMAS * float(np.median(sigma_mm[::thin])))
+    extent, noise = _extent(xyz_mm, sigma_mm)
     if extent[1] <= noise:
         return "the points lie on a line"
     if extent[0] <= noise:
         return "the points lie on a plane"
     return ""
+
+
+@njit(cache=True)
+def _extent(xyz, sigma):
+    """Standard deviations along the principal axes, the smallest first, and below which a cloud counts as thin."""
+    step = max(sigma.size // ENOUGH, 1)
+    n = (sigma.size + step - 1) // step
+    middle, scatter = np.zeros(3), np.zeros((3, 3))
+    for i in range(0, sigma.size, step):
+        for a in range(3):
+            middle[a] += xyz[i, a] / n
+    for i in range(0, sigma.size, step):
+        for a in range(3):
+            for b in range(3):
+                scatter[a, b] += (xyz[i, a] - middle[a]) * (xyz[i, b] - middle[b]) / n
+    extent = np.sqrt(np.maximum(np.linalg.eigvalsh(scatter), 0.0))
+    return extent, max(FLAT_SHARE * extent[2], FLAT_SIGMAS * np.median(sigma[::step]))
 
 
 def no_pipe(radius_mm: float, scatter_mm: float, pipe: NominalPipe) -> str:

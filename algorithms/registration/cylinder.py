@@ -30,6 +30,7 @@ SUBSAMPLE = 512
 MISSED = 1e-3  # chance that no sample was free of outliers
 EVERYTHING = 1e9
 PROMISING = 3.0  # a sample's cylinder is this much looser than the one it leads to
+NEARLY_BEST = 1.5  # the best sample does not always lead to the best cylinder
 LEAST_RADIUS, MOST_RADIUS = 0.5, 1.5
 
 
@@ -82,27 +83,29 @@ def _consensus(packed, start, hypotheses):
     m = min(packed.shape[1], SUBSAMPLE)
     some = np.ascontiguousarray(packed[:, :: packed.shape[1] // m][:, :m])
     residual, sample = np.empty(m), np.ones((8, SAMPLE))
-    best, best_cost = start.copy(), np.inf
+    best, best_cost, best_loose = start.copy(), np.inf, np.inf
     H, g, step = np.empty((5, 5)), np.empty(5), np.empty(5)
     state = np.uint64(20230139)  # the sampling is part of the method: the same points give the same pose
     needed, drawn = float(hypotheses), 0
     while drawn < needed:
         candidate = start.copy()
         if drawn == 0:  # the first hypothesis is the fit to all
-            fitted = _fitted(some, candidate, EVERYTHING, H, g, step)
+            fitted = _fitted(some, candidate, EVERYTHING, H, g, step, residual)
         else:
             for k in range(SAMPLE):
                 state = state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
                 sample[:, k] = some[:, int((state >> np.uint64(33)) % np.uint64(m))]
-            fitted = _fitted(sample, candidate, EVERYTHING, H, g, step)
+            fitted = _fitted(sample, candidate, EVERYTHING, H, g, step, residual)
         drawn += 1
         if not fitted:
             continue
         residuals(some, candidate, residual)
-        if not _cost(residual, PROMISING * INLIER_SIGMAS) < PROMISING * best_cost:
+        loose = _cost(residual, PROMISING * INLIER_SIGMAS)
+        if not loose < NEARLY_BEST * best_loose:
             continue
+        best_loose = min(loose, best_loose)
         refitted = candidate.copy()
-        if _fitted(some, refitted, PROMISING * INLIER_SIGMAS, H, g, step):
+        if _fitted(some, refitted, PROMISING * INLIER_SIGMAS, H, g, step, residual):
             candidate = refitted
         residuals(some, candidate, residual)
         cost = _cost(residual, INLIER_SIGMAS)
@@ -122,19 +125,20 @@ def _draws(dirty):
     return np.log(MISSED) / np.log(dirty) if dirty < 1.0 else np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _cost(residual, threshold):
     total = 0.0
-    for value in residual:
-        total += min((value / threshold) ** 2, 1.0)
+    for i in range(residual.size):
+        u = residual[i] / threshold
+        total += min(u * u, 1.0)
     return total
 
 
 @njit(cache=True)
-def _fitted(packed, cylinder, cut, H, g, step):
+def _fitted(packed, cylinder, cut, H, g, step, residual):
     """Fit a cylinder in place to what lies within the cut: damped, for a few points may hardly fix a tilt."""
     for _ in range(SAMPLE_STEPS):
-        normal_matrix(packed, cylinder, cut, H, g)
+        normal_matrix(packed, cylinder, cut, H, g, residual[: packed.shape[1]])
         if not solve(H, g, SAMPLE_DAMPING, step):
             return False
         cylinder[:] = moved(cylinder, step)

@@ -119,15 +119,16 @@ def _known(prior: Alignment, start: np.ndarray, settings: CylinderMapSettings) -
     return known
 
 
-def _contradicted(fit: Fit, known: np.ndarray, nominal: float) -> bool:
+@njit(cache=True)
+def _contradicted(fit, known, nominal):
     """Whether the points alone put the radius further from the nominal one than both together allow."""
     others = known.copy()
     others[4, 4] = 0.0
-    alone = float(without(without(fit.H + others, 5, known.shape[0]), 0, 4)[0, 0])
+    alone = without(without(fit.H + others, 5, known.shape[0]), 0, 4)[0, 0]
     if known[4, 4] == 0.0 or not alone > 0.0:
         return False
     gap = (fit.cylinder[6] - nominal) * (1.0 + known[4, 4] / alone)
-    return bool(abs(gap) > DISBELIEF_SIGMAS * np.sqrt(1.0 / alone + 1.0 / known[4, 4]))
+    return abs(gap) > DISBELIEF_SIGMAS * np.sqrt(1.0 / alone + 1.0 / known[4, 4])
 
 
 def _loose(worth: Worth) -> str:

@@ -83,8 +83,8 @@ def _residuals_of_oval(packed, cylinder, out):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def normal_equations(packed, cylinder, cut, sums):
-    """Sums of the normal equations in (centre x, y; slope x, y; radius) of a round wall, robustly weighed.
+def normal_equations(packed, cylinder, cut, sums, residual):
+    """Sums of the normal equations in (centre x, y; slope x, y; radius) of a round wall, robustly weighed; residuals.
 
     The weight (1 - (e / cut)^4)^2 is flatter at the top than Tukey's biweight and falls more steeply, so that less is
     lost on the wall and less taken from what lies just beyond it. A ray meets the wall at h, with the normal n = h / r;
@@ -106,7 +106,8 @@ def normal_equations(packed, cylinder, cut, sums):
         far = max(b + root, TINY)
         per_both = 1.0 / (far * facing2)  # one division serves both
         t = -c * facing2 * per_both
-        e = t * packed[6, i]
+        e = -t * packed[6, i]
+        residual[i] = e
         part = e * e * per_cut2
         q = max(1.0 - part * part, 0.0)
         q *= q * packed[7, i]
@@ -128,14 +129,14 @@ def normal_equations(packed, cylinder, cut, sums):
 
 
 @njit(cache=True)
-def normal_matrix(packed, cylinder, cut, H, g):
-    """Fill the normal matrix and its right side, of 5 terms or, with ovality, 7; returns the weight of all points."""
+def normal_matrix(packed, cylinder, cut, H, g, residual):
+    """Fill the normal matrix, its right side, of 5 terms or, with ovality, 7, and the residuals; returns all weight."""
     if g.size == 5:
         sums = np.empty(TERMS)
-        normal_equations(packed, cylinder, cut, sums)
+        normal_equations(packed, cylinder, cut, sums, residual)
         _unfold(sums, H, g)
         return sums[TERMS - 1]
-    return _normal_matrix_one_by_one(packed, cylinder, cut, H, g)
+    return _normal_matrix_one_by_one(packed, cylinder, cut, H, g, residual)
 
 
 @njit(cache=True)
@@ -161,7 +162,7 @@ def _unfold(sums, H, g):
 
 
 @njit(cache=True)
-def _normal_matrix_one_by_one(packed, cylinder, cut, H, g):
+def _normal_matrix_one_by_one(packed, cylinder, cut, H, g, residual):
     """The same point by point and term by term, for an oval wall too: slower, and the reference of the fast one."""
     terms = g.size
     H[:], g[:] = 0.0, 0.0
@@ -180,7 +181,8 @@ def _normal_matrix_one_by_one(packed, cylinder, cut, H, g):
         t = -c / max(b + root, TINY)
         hit = pz + t * dz
         z = cylinder[3] * (px + t * dx) + cylinder[4] * (py + t * dy) + cylinder[5] * hit
-        q = packed[7, i] * max(1.0 - (t * packed[6, i] / cut) ** 4, 0.0) ** 2
+        residual[i] = -t * packed[6, i]
+        q = packed[7, i] * max(1.0 - (residual[i] / cut) ** 4, 0.0) ** 2
         facing = root / r
         J[0], J[1] = (x + t * u) / r, (y + t * v) / r
         J[2], J[3], J[4] = z * J[0], z * J[1], 1.0
@@ -288,16 +290,17 @@ def tightest_half(values):
     return _trimmed(s, 0.5 * (s[at] + s[at + half]), width / 1.349)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _trimmed(values, middle, scale):
     """Mean and standard deviation of what lies within 2.5 standard deviations."""
     for _ in range(4):
-        count, total, squares = 0, 0.0, 0.0
-        for value in values:
-            if abs(value - middle) <= 2.5 * scale:
-                count += 1
-                total += value - middle
-                squares += (value - middle) ** 2
+        count, total, squares = 0.0, 0.0, 0.0
+        for i in range(values.size):
+            off = values[i] - middle
+            near = 1.0 if abs(off) <= 2.5 * scale else 0.0  # no branch, so that several are done at once
+            count += near
+            total += near * off
+            squares += near * off * off
         if count < 8:
             break
         shift = total / count

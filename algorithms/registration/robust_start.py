@@ -72,7 +72,7 @@ def annealed(packed, start, known):
     cut = CUT_SIGMAS * np.median(np.abs(residual)) + SMALLEST_SCALE
     scale = np.inf
     for _ in range(30):
-        normal_matrix(packed, cylinder, cut, H, g)
+        normal_matrix(packed, cylinder, cut, H, g, residual)
         if not solved(cylinder, start, known, (cut / CUT_SIGMAS) ** 2, H, g, step):
             return cylinder, np.inf, False
         longest = max(abs(step[0]), abs(step[1]), LEVER_MM * abs(step[2]), LEVER_MM * abs(step[3]), abs(step[4]))

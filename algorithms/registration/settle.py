@@ -62,7 +62,7 @@ def settled(packed, cylinder, scale, start, known, first_judged, close, H):
             keep_wall(packed, cell, wall)
             changed = (wall != before).sum()
         scale = max(_scale_of_kept(packed, residual, scale), SMALLEST_SCALE)
-        weight = normal_matrix(packed, cylinder, CUT_SIGMAS * scale, H, g)
+        weight = normal_matrix(packed, cylinder, CUT_SIGMAS * scale, H, g, residual)
         cells = (frame, low, high, around, along, wall)
         if not weight > 0.0 or not solved(cylinder, start, known, scale * scale, H, g, step):
             return cylinder, scale, weight, cells, UNDETERMINED
@@ -79,12 +79,10 @@ def settled(packed, cylinder, scale, start, known, first_judged, close, H):
 
 
 @njit(cache=True)
-def label(packed, cylinder, scale, kept):
+def label(packed, residual, scale, kept):
     """Label the points that lie on the cylinder, in cells of wall."""
-    residual = np.empty(kept.size)
-    residuals(packed, cylinder, residual)
     for i in range(kept.size):
-        kept[i] = abs(residual[i]) <= INLIER_SIGMAS * scale and packed[7, i] > 0.0
+        kept[i] = (abs(residual[i]) <= INLIER_SIGMAS * scale) & (packed[7, i] > 0.0)
 
 
 @njit(cache=True, fastmath=True)
@@ -106,17 +104,17 @@ def finished(xyz, direction, sigma, cylinder, scale, cells, start, known, H, kep
     frame, low, high, around, along, wall = cells
     n, terms = xyz.shape[0], known.shape[0]
     here, g, right, step = np.empty((terms, terms)), np.empty(terms), np.zeros(terms), np.empty(terms)
-    cell, weight = np.empty(BLOCK, dtype=np.int32), 0.0
+    cell, residual, weight = np.empty(BLOCK, dtype=np.int32), np.empty(BLOCK), 0.0
     H[:] = 0.0
     for first in range(0, n, BLOCK):
         last = min(first + BLOCK, n)
         block, _ = pack(xyz, direction, sigma, first, last, 1)
         find_cells(block, frame, low, high, around, along, cell[: last - first])
         keep_wall(block, cell[: last - first], wall)
-        weight += normal_matrix(block, cylinder, CUT_SIGMAS * scale, here, g)
+        weight += normal_matrix(block, cylinder, CUT_SIGMAS * scale, here, g, residual[: last - first])
         H += here
         right += g
-        label(block, cylinder, scale, kept[first:last])
+        label(block, residual[: last - first], scale, kept[first:last])
     if solved(cylinder, start, known, scale * scale, H, right, step):
         cylinder = moved(cylinder, NEWTON * step)
     return cylinder, weight
@@ -137,6 +135,8 @@ def settle(xyz, direction, sigma, packed, cylinder, scale, start, known, first_j
     if status == DONE and packed.shape[1] < n:
         cylinder, weight = finished(xyz, direction, sigma, cylinder, scale, cells, start, known, H, kept)
     elif status == DONE:
-        label(packed, cylinder, scale, kept)
+        residual = np.empty(n)
+        residuals(packed, cylinder, residual)
+        label(packed, residual, scale, kept)
     H *= kept.sum() / max(weight, 1e-300) / (scale * scale)  # every inlier counts as one, not by its weight
     return cylinder, H, kept, scale, status

@@ -11,7 +11,7 @@ AROUND, ALONG = 24, 6
 FEWEST_IN_CELL = 3
 FEWEST_CELLS = 12
 SAMPLE = 6
-SAMPLES, FEW_SAMPLES = 200, 100
+SAMPLES, FEW_SAMPLES = 200, 30
 ROUNDS, CLOSE = 5, 2.0
 CELL_CUT = 6.0
 EVEN_SPREAD = 1.732  # half the length over the standard deviation of an even distribution
@@ -37,32 +37,27 @@ def find_cells(packed, cylinder, low, high, around, along, cell):
         cell[i] = np.int32(min(turn, around - 1.0)) * along + np.int32(min(max(row, 0.0), along - 1.0))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _places(packed, cylinder, cell, cells, rho):
-    """Counts of the cells, their mean rows of the normal equations, and every point's distance from the axis.
+    """Counts of the cells, their rows of the normal equations, and every point's distance from the axis.
 
-    A row is (n, z n, 1) for centre, slope and radius, and cos 2t, sin 2t for ovality.
+    A row is (n, z n, 1) for centre, slope and radius, and cos 2t, sin 2t for ovality, at the middle of the points.
     """
     e0, e1, e2, f0, f1, f2 = across(cylinder)
     count, place = np.zeros(cells), np.zeros((cells, 7))
     for i in range(packed.shape[1]):
         px, py, pz = packed[0, i] - cylinder[0], packed[1, i] - cylinder[1], packed[2, i] - cylinder[2]
         x, y = e0 * px + e1 * py + e2 * pz, f0 * px + f1 * py + f2 * pz
-        z = cylinder[3] * px + cylinder[4] * py + cylinder[5] * pz
-        rho[i] = np.sqrt(x * x + y * y) + 1e-12
         c = cell[i]
-        nx, ny = x / rho[i], y / rho[i]
+        rho[i] = np.sqrt(x * x + y * y)
         count[c] += 1.0
-        place[c, 0] += nx
-        place[c, 1] += ny
-        place[c, 2] += z * nx
-        place[c, 3] += z * ny
-        place[c, 5] += nx * nx - ny * ny
-        place[c, 6] += 2.0 * nx * ny
+        place[c, 0] += x
+        place[c, 1] += y
+        place[c, 2] += cylinder[3] * px + cylinder[4] * py + cylinder[5] * pz
     for c in range(cells):
-        for k in range(7):
-            place[c, k] /= max(count[c], 1.0)
-        place[c, 4] = 1.0
+        length = np.hypot(place[c, 0], place[c, 1]) + 1e-12
+        nx, ny, z = place[c, 0] / length, place[c, 1] / length, place[c, 2] / max(count[c], 1.0)
+        place[c] = nx, ny, z * nx, z * ny, 1.0, nx * nx - ny * ny, 2.0 * nx * ny
     return count, place
 
 
@@ -210,13 +205,12 @@ def is_wall(cell, residual, scale, cells):
     """
     count, near, total, beside = np.zeros(cells), np.zeros(cells), np.zeros(cells), np.zeros(cells)
     for i in range(cell.size):
-        far = abs(residual[i]) / scale
-        count[cell[i]] += 1.0
-        if far < NEAR_SIGMAS:
-            near[cell[i]] += 1.0
-            total[cell[i]] += residual[i]
-        elif far < FAR_SIGMAS:
-            beside[cell[i]] += 1.0
+        c, far = cell[i], abs(residual[i]) / scale
+        on = 1.0 if far < NEAR_SIGMAS else 0.0  # no branches: which way they go is chance
+        count[c] += 1.0
+        near[c] += on
+        total[c] += on * residual[i]
+        beside[c] += 1.0 - on if far < FAR_SIGMAS else 0.0
     wall = beside <= 1.0 + MOST_BESIDE * count
     enough = wall & (near > FEWEST_IN_CELL)
     if enough.sum() < FEWEST_CELLS:

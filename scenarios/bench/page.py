@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scenarios.bench.clouds import MOST_CLOUDS, clouds_picture
 from scenarios.bench.frames import FrameCase
 from scenarios.bench.statistics import Row, by_scenario, nearest_method, rows, winner_words
 from scenarios.report.canvas import BLACK, BLUE, SERIES, VERMILION, Picture, drawing, to_picture
@@ -34,7 +35,6 @@ COLUMNS = {
     "ms_median": "ms a frame",
 }
 MOST_PAIRS = 40
-MOST_CLOUDS = 8
 
 
 def write_page(result: Bench, cases: dict[str, FrameCase], methods: dict[str, Settings], file: Path) -> None:
@@ -86,6 +86,8 @@ def _scenario(result: Bench, name: str, case: FrameCase | None, methods: dict[st
     pictures = [_errors_picture(name, result, mine)]
     if case is not None:
         pictures.append(clouds_of_case(name, case, methods))
+    elif clouds := [cloud for cloud in result.clouds if cloud.scenario == name]:
+        pictures.append(clouds_picture(clouds))
     shown = "".join(figure_html(picture) for picture in pictures)
     words = f"<p>{escape(_case_words(case))}</p>" if case is not None else ""
     return f"<section><h2>{escape(name)}: {frames} frames</h2>{words}{_table(mine)}{shown}</section>\n"

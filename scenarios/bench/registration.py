@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from algorithms.registration import REGISTRATIONS
+from scenarios.bench.clouds import Cloud
 from scenarios.bench.errors import FrameError
 from scenarios.bench.frames import CASES, FrameCase
 from scenarios.bench.statistics import Pair, Row, by_scenario, nearest_method, pairs, rows, winner_words
@@ -29,13 +30,14 @@ Report = Callable[[str, int, int], None]
 
 
 class Bench(NamedTuple):
-    """What came of it: every frame's errors, a row a method, and method against method."""
+    """What came of it: every frame's errors, a row a method, method against method, and each scan's first clouds."""
 
     level: str
     seeds: int
     errors: list[FrameError]
     rows: list[Row]
     pairs: list[Pair]
+    clouds: list[Cloud]
 
 
 def bench(
@@ -55,13 +57,14 @@ def bench(
     """
     chosen, seeds = chosen_methods(methods), seeds or DEFAULT_SEEDS[level]
     start = time.perf_counter()
+    clouds: list[Cloud] = []
     with run_folder(out) as folder:
         if level == "frame":
             cases = chosen_cases(names or DEFAULT_CASES, changes)
             errors = _on_frames(cases, chosen, seeds, workers, progress)
         else:
-            errors = _on_scans(names or DEFAULT_SCANS, chosen, seeds, changes, workers, progress)
-        result = Bench(level, seeds, errors, rows(errors, level), pairs(errors))
+            errors, clouds = _on_scans(names or DEFAULT_SCANS, chosen, seeds, changes, workers, progress)
+        result = Bench(level, seeds, errors, rows(errors, level), pairs(errors), clouds)
         _write(result, folder, time.perf_counter() - start)
         from scenarios.bench.page import write_page
 
@@ -135,17 +138,17 @@ def _on_scans(
     changes: Sequence[str],
     workers: int,
     progress: Report,
-) -> list[FrameError]:
+) -> tuple[list[FrameError], list[Cloud]]:
     from scenarios.bench.scans import scan_errors
     from scenarios.load import load_scenario
 
-    scenarios = [load_scenario(name, changes) for name in dict.fromkeys(names)]
-    return [
-        error
-        for scenario in scenarios
-        for seed in range(scenario.seed, scenario.seed + seeds)
-        for error in scan_errors(scenario, seed, methods, workers, progress)
-    ]
+    errors, clouds = [], []
+    for scenario in [load_scenario(name, changes) for name in dict.fromkeys(names)]:
+        for seed in range(scenario.seed, scenario.seed + seeds):
+            for found, cloud in scan_errors(scenario, seed, methods, workers, progress):
+                errors += found
+                clouds += [cloud] if seed == scenario.seed else []
+    return errors, clouds
 
 
 def table(result: Bench) -> str:

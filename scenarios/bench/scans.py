@@ -17,12 +17,13 @@ from algorithms.reconstruct import begin, register, see
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, RingPoints
 from algorithms.wall_map import on_a_wall
+from scenarios.bench.clouds import MOST_POINTS, Cloud
 from scenarios.bench.errors import FrameError, frame_error
 from scenarios.run import RunFailed, sensed, true_poses
 from scenarios.scenario import Scenario
 from scenarios.score import FrameTally, placed, tally_shape
 from sensor_model.geometry import apply
-from sensor_model.recording import Recording, SlitPixels
+from sensor_model.recording import Recording, SlitPixels, open_recording
 from sensor_model.rig import Rig
 from sensor_model.streams import stream
 from sensor_model.workers import spread
@@ -70,7 +71,8 @@ def take_scan(scenario: Scenario, workers: int, progress: Report) -> Scan:
     try:
         truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
         with TemporaryDirectory(prefix="pipetwin-") as folder:
-            recording = sensed(scenario, truth, Path(folder), workers, {}, progress)
+            sensed(scenario, truth, Path(folder), workers, {}, progress)
+            recording = open_recording(Path(folder))
             ahead = 1 if scenario.sensing.fidelity == "points" else workers
             jobs = ((recording, index, scenario.method) for index in range(len(recording)))
             seen = []
@@ -130,15 +132,26 @@ def judge(scan: Scan, label: str, frames: Iterator[Registered]) -> Judged:
     return Judged(errors, tally, float(np.ptp(scan.T_true[:, 2, 3])))
 
 
+def as_placed(scan: Scan, frame: Registered) -> Float[np.ndarray, "n 3"]:
+    """A frame's points where a method put them (pipe frame), without false slits, which the TRUE pose tells."""
+    real = on_a_wall(frame.points, scan.T_true[frame.number], scan.recording.pipe)
+    return apply(frame.alignment.T_pipe_camera, frame.points.xyz_mm[real])
+
+
 def scan_errors(
     scenario: Scenario, seed: int, methods: Mapping[str, Any], workers: int, progress: Report
-) -> Iterator[FrameError]:
-    """The errors of every frame of one recording by every method, method by method; `methods` are settings by label."""
+) -> Iterator[tuple[list[FrameError], Cloud]]:
+    """For every method, the errors of every frame of one recording, and the cloud; `methods` are settings by label."""
     scan = take_scan(scenario.model_copy(update={"seed": seed}), workers, progress)
-    points = triangulated(scan)
+    points, bore = triangulated(scan), scan.truth.pipe.bore_radius_mm
+    step = max(sum(frame.sigma_mm.size for frame in points) // MOST_POINTS, 1)
     for label, settings in methods.items():
         warm_up(scan, points, settings)
-        for index, _, found, ms in registered(scan, points, settings):
-            bore = scan.truth.pipe.bore_radius_mm
-            yield frame_error(scenario.name, seed, index, label, found, scan.T_true[index], bore, ms)
-            progress(label, index + 1, len(points))
+        errors, parts = [], [np.zeros((0, 3))]
+        for frame in registered(scan, points, settings):
+            T_true, found = scan.T_true[frame.number], frame.alignment
+            errors.append(frame_error(scenario.name, seed, frame.number, label, found, T_true, bore, frame.ms))
+            if found.converged:
+                parts.append(as_placed(scan, frame)[frame.number % step :: step])
+            progress(label, frame.number + 1, len(points))
+        yield errors, Cloud(scenario.name, label, np.concatenate(parts), bore)

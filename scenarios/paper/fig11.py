@@ -11,26 +11,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from algorithms.wall_map import on_a_wall
+from scenarios.bench.clouds import MOST_POINTS, deviation_scale, draw_along, square, stretched
 from scenarios.bench.contenders import METHODS
-from scenarios.bench.scans import Registered, Scan, registered, take_scan, triangulated
+from scenarios.bench.scans import Scan, as_placed, registered, take_scan, triangulated
 from scenarios.equations import circle, plane_normal
 from scenarios.load import load_scenario, scenario_yaml
 from scenarios.report.canvas import BLACK, BLUE, VERMILION, drawing, to_picture
 from scenarios.run import provenance
 from scenarios.run_folder import run_folder
-from sensor_model.geometry import apply, wall_direction
+from sensor_model.geometry import wall_direction
 from twin.pipe import Pipe
 
 Report = Callable[[str, int, int], None]
 
-MOST_POINTS = 60_000
-COLOR_MAP, COLORS_TO_MM = "managua_r", 1.5  # what lies further off has the end's colour
-TIMES, FAR_OFF_MM = 5.0, 20.0  # deviations are drawn so many times as large, unless they are large as they are
 ARROW_MM = 60.0
 
 
-class Cloud(NamedTuple):
+class Clouds(NamedTuple):
     """What one method made of the scan (pipe frame), and one frame of it: the middle of the first defect."""
 
     method: str
@@ -38,7 +35,7 @@ class Cloud(NamedTuple):
     frame_mm: Float[np.ndarray, "k 3"]
 
 
-def clouds(scan: Scan, progress: Report) -> Iterator[Cloud]:
+def clouds(scan: Scan, progress: Report) -> Iterator[Clouds]:
     """The registered points, thinned alike; false slits are left out by the true pose, alike for all methods."""
     points = triangulated(scan)
     shown = _frame_on_defect(scan)
@@ -48,15 +45,10 @@ def clouds(scan: Scan, progress: Report) -> Iterator[Cloud]:
         for frame in registered(scan, points, settings):
             progress(label, frame.number + 1, len(points))
             if frame.alignment.converged:
-                xyz = _placed(scan, frame)
+                xyz = as_placed(scan, frame)
                 parts.append(xyz[frame.number % step :: step])
                 single = xyz if frame.number == shown else single
-        yield Cloud(label, np.concatenate(parts), single)
-
-
-def _placed(scan: Scan, frame: Registered) -> Float[np.ndarray, "n 3"]:
-    real = on_a_wall(frame.points, scan.T_true[frame.number], scan.recording.pipe)
-    return apply(frame.alignment.T_pipe_camera, frame.points.xyz_mm[real])
+        yield Clouds(label, np.concatenate(parts), single)
 
 
 def _frame_on_defect(scan: Scan) -> int:
@@ -84,18 +76,15 @@ def run_fig11(fidelity: str, seed: int | None, out: Path, workers: int, progress
     return out / "fig11.png"
 
 
-def picture(scan: Scan, all_clouds: list[Cloud]) -> bytes:
+def picture(scan: Scan, all_clouds: list[Clouds]) -> bytes:
     """Three rows of views, a column a method, as a PNG."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    pipe, scale = scan.truth.pipe, ScalarMappable(Normalize(-COLORS_TO_MM, COLORS_TO_MM), COLOR_MAP)
+    pipe, scale = scan.truth.pipe, deviation_scale()
     with drawing(11.5, 3.3 * len(all_clouds) + 0.8) as figure:
         axes = figure.subplots(3, len(all_clouds), squeeze=False)
         for column, cloud in enumerate(all_clouds):
             times, xyz, off_mm = stretched(cloud.xyz_mm, pipe.bore_radius_mm)
             drawn = f"deviations × {times:g}" if times != 1 else "true to scale"
-            _along(axes[0, column], xyz, scale.to_rgba(off_mm))
+            draw_along(axes[0, column], xyz, scale.to_rgba(off_mm))
             _side(axes[1, column], pipe, xyz, scale.to_rgba(off_mm), times)
             _single(axes[2, column], cloud)
             axes[0, column].set_title(f"{cloud.method}\n\n", fontsize=13)
@@ -107,21 +96,6 @@ def picture(scan: Scan, all_clouds: list[Cloud]) -> bytes:
             "as each registration leaves it"
         )
         return to_picture(figure, "", "").file
-
-
-def stretched(xyz_mm: Float[np.ndarray, "n 3"], bore_mm: float) -> tuple[float, np.ndarray, np.ndarray]:
-    """How many times deviations from the bore are enlarged, the points moved so, and their true deviations."""
-    radius = np.hypot(xyz_mm[:, 0], xyz_mm[:, 1])
-    off_mm = radius - bore_mm
-    times = TIMES if off_mm.size and np.percentile(np.abs(off_mm), 99) < FAR_OFF_MM else 1.0
-    part = (bore_mm + times * off_mm) / np.maximum(radius, 1e-9)
-    return times, xyz_mm * np.column_stack([part, part, np.ones(part.size)]), off_mm
-
-
-def _along(axes: Any, xyz: np.ndarray, colors: np.ndarray) -> None:
-    """The top view: a pipe that is put together well is one thin circle."""
-    axes.scatter(xyz[:, 0], -xyz[:, 1], s=0.6, c=colors, linewidths=0)
-    _square(axes)
 
 
 def _side(axes: Any, pipe: Pipe, xyz: np.ndarray, colors: np.ndarray, times: float) -> None:
@@ -138,7 +112,7 @@ def _side(axes: Any, pipe: Pipe, xyz: np.ndarray, colors: np.ndarray, times: flo
     axes.set_ylabel("towards the defects (mm)")
 
 
-def _single(axes: Any, cloud: Cloud) -> None:
+def _single(axes: Any, cloud: Clouds) -> None:
     """Fig. 11c: one frame seen along the pipe, the circle through it, and its plane's normal."""
     xyz = cloud.frame_mm
     if not len(xyz):
@@ -155,10 +129,4 @@ def _single(axes: Any, cloud: Cloud) -> None:
     words = f"centre {x:+.2f}, {-y:+.2f} mm\nradius {radius:.2f} mm\nnormal {slant:.1f}° off the axis"
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
     axes.text(x, -y - 12, words, ha="center", va="top", fontsize=9, bbox=box)
-    _square(axes)
-
-
-def _square(axes: Any) -> None:
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("right (mm)")
-    axes.set_ylabel("up (mm)")
+    square(axes)

@@ -82,8 +82,8 @@ class Cache:
                 with _locked(self.folder / ".locks" / f"{stage}-{key[:2]}"):  # nested makes go down the stages only
                     if not held.enter_context(_held(place)):
                         self._make(place, make)
-                        if not held.enter_context(_held(place)):
-                            raise OSError(f"{place}: was damaged as it was written")
+                        if not held.enter_context(_held(place, just_made=True)):
+                            raise OSError(f"{place}: was removed as it was written")
             yield place
         if self.written_bytes > LOOK_AGAIN_SHARE * self.limit_bytes:
             self.written_bytes = 0
@@ -165,8 +165,11 @@ class Cache:
 
 
 @contextmanager
-def _held(place: Path) -> Iterator[bool]:
-    """Hold an entry so that nobody removes it; false when it is not there, or not what its list says."""
+def _held(place: Path, just_made: bool = False) -> Iterator[bool]:
+    """Hold an entry so that nobody removes it; false when it is not there, or not what its list says.
+
+    What was just made was read back for its list, and is not read again.
+    """
     with _directory(place) as handle:
         if handle is None:
             yield False
@@ -176,7 +179,7 @@ def _held(place: Path) -> Iterator[bool]:
             still_there = os.fstat(handle).st_ino == place.stat().st_ino
         except OSError:
             still_there = False
-        if whole := still_there and _is_whole(place):
+        if whole := still_there and (just_made or _is_whole(place)):
             os.utime(place)
         else:
             fcntl.flock(handle, fcntl.LOCK_UN)

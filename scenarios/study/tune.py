@@ -48,6 +48,14 @@ class Scores(NamedTuple):
     mean: tuple[float, ...]
 
 
+class Trial(NamedTuple):
+    """One setting that was looked at to the end: its means on the scans tuned on."""
+
+    number: int
+    settings: dict[str, Any]
+    values: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Verdict:
     """Winner less default on the hold-out, by objective, and in words whether that is more than noise."""
@@ -68,6 +76,7 @@ class Tuned:
     front: list[dict[str, Any]]
     importance: dict[str, dict[str, float]]
     verdicts: list[Verdict]
+    trials: list[Trial]
 
 
 def tune(
@@ -89,7 +98,8 @@ def tune(
         chosen = _chosen(front)
         say(f"{len(front)} settings are on the Pareto front; the winner is trial {chosen['trial']}")
         verdicts = list(_judged(tuning, bench, chosen["settings"]))
-        tuned = Tuned(folder, chosen["settings"], front, _importance(tuning, optuna_study), verdicts)
+        importance, trials = _importance(tuning, optuna_study), _trials(optuna_study)
+        tuned = Tuned(folder, chosen["settings"], front, importance, verdicts, trials)
         _write(tuning, tuned)
     return tuned
 
@@ -318,6 +328,12 @@ def _front(tuning: Tuning, study: Any) -> list[dict[str, Any]]:
         }
         for trial in sorted(study.best_trials, key=lambda trial: trial.number)
     ]
+
+
+def _trials(study: Any) -> list[Trial]:
+    """All trials that were not given up early, in the order in which they were asked for."""
+    done = sorted((trial for trial in study.get_trials(deepcopy=False) if trial.values), key=lambda t: t.number)
+    return [Trial(trial.number, trial.user_attrs["settings"], tuple(trial.values)) for trial in done]
 
 
 def _chosen(front: list[dict[str, Any]]) -> dict[str, Any]:

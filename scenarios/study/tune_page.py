@@ -6,7 +6,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from scenarios.document import shown
+from scenarios.report.page import figure_html
 from scenarios.study.page import cells, html_page, mean_text, table
+from scenarios.study.tune_figures import objectives_picture, settings_picture
 from scenarios.study.tune_file import OBJECTIVES, Tuning
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ def tuning_page(tuning: Tuning, tuned: Tuned) -> str:
     first = tuned.verdicts[0]
     sections = {f"Hold-out, {verdict.fidelity}": _verdict(verdict) for verdict in tuned.verdicts}
     sections["The winner's settings"] = _settings(tuned)
-    sections["Pareto front"] = _front(tuning, tuned)
+    sections["Pareto front"] = _pictured(tuning, tuned) + _front(tuning, tuned)
     sections["What mattered"] = _importance(tuned)
     clean = "better" in first.words and "WORSE" not in first.words
     return html_page(f"Tuning: {tuning.file.name}", tuning.file.why, f"Hold-out: {first.words}", clean, sections)
@@ -40,6 +42,13 @@ def _parts(verdict: Verdict) -> tuple:
 def _settings(tuned: Tuned) -> str:
     rows = "".join(cells("td", [path, shown(value)]) for path, value in tuned.settings.items())
     return table(cells("th", ["setting", "value"]), rows, "Those below `method` are in method.yaml.")
+
+
+def _pictured(tuning: Tuning, tuned: Tuned) -> str:
+    pictures = [settings_picture(tuning, tuned)]
+    if len(tuning.file.objectives) > 1:
+        pictures.insert(0, objectives_picture(tuned, tuning.file.objectives))
+    return "".join(figure_html(picture) for picture in pictures)
 
 
 def _front(tuning: Tuning, tuned: Tuned) -> str:

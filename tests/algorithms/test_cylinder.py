@@ -50,6 +50,19 @@ def align(request):
     return lambda points, prior, **changes: method.align(points, Wall(NOMINAL), prior, method.settings(**changes))
 
 
+def test_fusing_ends_between_two_that_are_far_apart():
+    """Turned apart by nearly half a turn too, and where only one of them knows anything."""
+    for angle in (0.3, 2.0, 3.1415, np.pi):
+        turned = np.eye(4)
+        turned[:3, :3] = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+        turned[:3, 3] = 3.0, -2.0, 7.0
+        both = fuse(Alignment(turned, np.eye(6)), Alignment(np.eye(4), np.zeros((6, 6))))
+        assert np.allclose(both.T_pipe_camera, turned, atol=1e-6)
+        middle = fuse(Alignment(turned, np.eye(6)), Alignment(np.eye(4), np.eye(6))).T_pipe_camera
+        assert np.allclose(middle[:3, 3], [1.5, -1.0, 3.5])
+        assert abs(float(twist_about_z_rad(middle[:3, :3]))) == pytest.approx(angle / 2)
+
+
 def test_exact_points_give_the_exact_pose_past_a_deep_defect(align):
     T, points = _scene(noise_px=0)
     found = align(points, _prior(T))

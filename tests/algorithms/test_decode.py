@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from algorithms import decode as d
+from algorithms.decode import decode
+from algorithms.decoding import colors, dips, lines, words
+from algorithms.decoding.settings import DecodeSettings
 from algorithms.triangulate import triangulate
 from scenarios.score import true_slits
 from sensor_model.image_formation import expose
@@ -40,7 +42,7 @@ def _radial_error(seen, pipe):
 
 def test_a_clean_picture_gives_the_wall_to_hundredths_of_a_millimetre():
     optics = Optics.ideal()
-    seen = d.decode(_picture(CLEAN, optics), RIG, d.DecodeSettings())
+    seen = decode(_picture(CLEAN, optics), RIG, DecodeSettings())
     points, error = _radial_error(seen, CLEAN)
     assert set(points.ring) == set(range(8))
     for ring in range(8):
@@ -51,14 +53,14 @@ def test_a_clean_picture_gives_the_wall_to_hundredths_of_a_millimetre():
 
 def test_fading_light_does_not_move_the_slits():
     optics = Optics(slide_jag_deg=0.0).noiseless()
-    seen = d.decode(_picture(CLEAN, optics), RIG, d.DecodeSettings())
+    seen = decode(_picture(CLEAN, optics), RIG, DecodeSettings())
     points, error = _radial_error(seen, CLEAN)
     for ring in range(8):
         assert abs(error[points.ring == ring].mean()) < 0.06
 
 
 def test_words_are_right_past_a_deep_pocket(noisy):
-    seen = d.decode(noisy, RIG, d.DecodeSettings())
+    seen = decode(noisy, RIG, DecodeSettings())
     assert np.mean(true_slits(CARVED, RIG, seen.pixel, POSE) != seen.slit) < 0.005
     assert np.array_equal(np.unique(seen.slit), np.arange(8))
     outside = np.abs((np.degrees(np.arctan2(seen.pixel[:, 0] - 817.866, 609.376 - seen.pixel[:, 1])) + 180) % 360 - 180)
@@ -68,9 +70,9 @@ def test_words_are_right_past_a_deep_pocket(noisy):
 def test_compiled_resampling_agrees_with_a_library(noisy):
     import cv2
 
-    ours = d.polar_lines(noisy, RIG, 90)
-    first, last = d.radial_range_px(RIG)
-    along = d.directions(90)[:, None, :] * np.arange(first, last)[None, :, None]
+    ours = lines.polar_lines(noisy, RIG, 90).rgb
+    first, last = lines.radial_range_px(RIG)
+    along = lines.directions(90)[:, None, :] * np.arange(first, last)[None, :, None]
     x, y = (RIG.camera.cx_px + along[..., 0]).astype(np.float32), (RIG.camera.cy_px + along[..., 1]).astype(np.float32)
     theirs = cv2.remap(noisy, x, y, cv2.INTER_LINEAR).astype(float)
     inside = np.isfinite(ours[..., 0])
@@ -83,17 +85,17 @@ def test_matching_by_colour_agrees_with_trying_everything():
     from itertools import combinations
 
     rng = np.random.default_rng(0)
-    pairs = np.array([[d.COLORS.index(c) for c in slit.name] for slit in RIG.projector.slits])
+    pairs = np.array([[words.COLORS.index(c) for c in slit.name] for slit in RIG.projector.slits])
     for _ in range(20):
         n = int(rng.integers(1, 5))
         scores = -rng.uniform(0, 6, size=(2, 1, n, 3))
-        found = d._name(np.array([n]), scores[0], scores[1], pairs)[0]
+        found = words._name(np.array([n]), scores[0], scores[1], pairs)[0]
 
         def total(dips, slits, scores=scores, n=n):
             taken = sum(
                 scores[0, 0, i, pairs[j, 0]] + scores[1, 0, i, pairs[j, 1]] for i, j in zip(dips, slits, strict=True)
             )
-            return taken + d.SPARE_DIP * (n - len(dips)) + d.SKIPPED_SLIT * (8 - len(slits))
+            return taken + words.SPARE_DIP * (n - len(dips)) + words.SKIPPED_SLIT * (8 - len(slits))
 
         best = max(
             total(dips, slits)
@@ -105,6 +107,67 @@ def test_matching_by_colour_agrees_with_trying_everything():
         assert total(tuple(chosen), tuple(found[chosen])) == pytest.approx(best)
 
 
+def test_every_slit_states_how_far_its_points_scatter(noisy):
+    seen = decode(noisy, RIG, DecodeSettings())
+    points, error = _radial_error(seen, CARVED)
+    right = true_slits(CARVED, RIG, seen.pixel, POSE) == seen.slit
+    for ring in range(8):
+        mine = (points.ring == ring) & right
+        half_rad = RIG.projector.slit_half_angles_rad[ring]
+        # a point slides along its light ray, of which the radius is the sine
+        stated = np.median(points.sigma_mm[mine]) * np.sin(half_rad)
+        found = 1.4826 * np.median(np.abs(error[mine] - np.median(error[mine])))
+        assert 0.7 < found / stated < 1.4
+
+
+def test_a_slit_before_a_rim_keeps_its_colour_where_its_band_is_cut_short():
+    brightness = np.full(400, 200.0)
+    brightness[200:211] = 100.0  # the slit
+    brightness[170:195] = 90.0  # the shadow: five pixels of band are left
+    rgb = np.stack([brightness, 0.5 * brightness, 0.4 * brightness], axis=-1)
+    rgb[170:195] = 30.0  # and what it shows has another colour
+    picture = lines.Lines(*(np.tile(part, (16,) + (1,) * part.ndim).astype(np.float32) for part in (rgb, rgb.sum(1))))
+    found = dips.find_dips(picture, 0, DecodeSettings())
+    slit = np.nanargmin(np.abs(found.radius_px[5] - 205))
+    assert abs(found.radius_px[5, slit] - 205) < 0.6
+    red, green, blue = found.inside_rgb[5, slit]
+    assert [red / (red + green + blue), blue / (red + green + blue)] == pytest.approx([0.526, 0.211], abs=0.02)
+
+
+def test_compiled_flattening_agrees_with_plain_means():
+    rng = np.random.default_rng(0)
+    smooth = rng.uniform(1, 300, 200).astype(np.float32)
+    flat, sums = np.empty(200, np.float32), np.empty(201)
+    dips._flatten(smooth, 2, 190, sums, flat)
+    for i in range(2, 190):
+        reach = min(dips.FLATTEN_PX, i - 2, 189 - i)
+        assert flat[i] == pytest.approx(smooth[i] / smooth[i - reach : i + reach + 1].mean(), rel=1e-5)
+
+
+def test_compiled_gathering_along_slits_agrees_with_a_plain_walk(noisy):
+    found = dips.find_dips(lines.polar_lines(noisy, RIG, 180), 0, DecodeSettings())
+    rgb = np.stack([found.inside_rgb, found.floor_rgb, found.outside_rgb])
+    pooled, share = colors._along_slits(found.found, found.radius_px, rgb, 4, colors.CARRY_PX)
+    for k in range(0, 180, 17):
+        for i in range(found.found[k]):
+            gathered = [(k, i)]
+            for way in (-1, 1):
+                at, missed = found.radius_px[k, i], 0
+                for step in range(1, 5):
+                    other = (k + way * step) % 180
+                    off = np.abs(found.radius_px[other] - at)
+                    if not (off <= colors.CARRY_PX).any():
+                        missed += 1
+                        if missed > colors.MOST_MISSED:
+                            break
+                        continue
+                    missed, nearest = 0, int(np.nanargmin(off))
+                    at += colors.CARRY_GAIN * (found.radius_px[other, nearest] - at)
+                    gathered.append((other, nearest))
+            assert share[k, i] == pytest.approx((len(gathered) - 1) / 8)
+            assert pooled[:, k, i] == pytest.approx(np.mean([rgb[:, a, b] for a, b in gathered], axis=0))
+
+
 @pytest.mark.parametrize("kind", ["black", "white", "noise"])
 def test_a_picture_without_rings_gives_no_points(kind):
     shape = (RIG.camera.height_px, RIG.camera.width_px, 3)
@@ -113,5 +176,5 @@ def test_a_picture_without_rings_gives_no_points(kind):
         "white": np.full(shape, 255, np.uint8),
         "noise": np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8),
     }[kind]
-    seen = d.decode(picture, RIG, d.DecodeSettings())
+    seen = decode(picture, RIG, DecodeSettings())
     assert seen.slit.size < 0.02 * 720 * 8

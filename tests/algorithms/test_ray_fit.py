@@ -90,8 +90,13 @@ def test_the_fast_normal_equations_are_the_slow_ones():
     packed = _packed(points)
     packed[7, ::7] = 0.0
     H, g, slow_H, slow_g = np.empty((5, 5)), np.empty(5), np.empty((7, 7)), np.empty(7)
-    weight = normal_matrix(packed, _cylinder(), 4.0, H, g)
-    assert weight == pytest.approx(normal_matrix(packed, _cylinder(), 4.0, slow_H, slow_g), rel=1e-12)
+    residual, slow_residual, alone = np.empty(3000), np.empty(3000), np.empty(3000)
+    weight = normal_matrix(packed, _cylinder(), 4.0, H, g, residual)
+    slow_weight = normal_matrix(packed, _cylinder(), 4.0, slow_H, slow_g, slow_residual)
+    assert weight == pytest.approx(slow_weight, rel=1e-12)
+    residuals(packed, _cylinder(), alone)
+    assert np.allclose(residual, alone, atol=1e-9)
+    assert np.allclose(slow_residual, alone, atol=1e-9)
     assert np.allclose(H, slow_H[:5, :5], rtol=1e-9, atol=1e-9 * np.abs(H).max())
     assert np.allclose(g, slow_g[:5], rtol=1e-9, atol=1e-9 * np.abs(g).max())
 
@@ -108,7 +113,7 @@ def test_the_normal_equations_are_the_residuals_slopes():
         residuals(packed, moved(cylinder, -step), behind)
         J[:, k] = (ahead - behind) / 2e-5
     H, g = np.empty((terms, terms)), np.empty(terms)
-    normal_matrix(packed, cylinder, 1e9, H, g)
+    normal_matrix(packed, cylinder, 1e9, H, g, np.empty(3000))
     scale = np.sqrt(np.diag(J.T @ J))
     assert np.allclose(H / np.outer(scale, scale), J.T @ J / np.outer(scale, scale), atol=0.02)
     assert np.allclose(g / scale, -J.T @ here / scale, atol=0.02 * np.abs(J.T @ here / scale).max())
@@ -173,7 +178,7 @@ def test_the_pose_s_information_is_that_of_the_radii_written_out():
     T, H, g = frame.T_pipe_camera, np.empty((5, 5)), np.empty(5)
     points = replace(frame.points, sigma_mm=np.full(3000, 0.3))
     cylinder = axis_of(T, 110.0, 76.2)
-    normal_matrix(_packed(points), cylinder, 1e9, H, g)
+    normal_matrix(_packed(points), cylinder, 1e9, H, g, np.empty(3000))
     facing = points.direction @ T[:3, :3].T
     wall = points.xyz_mm @ T[:3, :3].T + T[:3, 3]
     across = np.abs(np.sum(facing[:, :2] * wall[:, :2], axis=1)) / np.hypot(wall[:, 0], wall[:, 1])

@@ -11,6 +11,7 @@ import pytest
 
 from algorithms.registration import CylinderMapSettings, CylinderSettings
 from scenarios.bench import contenders
+from scenarios.bench.clouds import TIMES, stretched
 from scenarios.bench.scans import take_scan, triangulated
 from scenarios.document import BadInput
 from scenarios.load import load_scenario
@@ -148,11 +149,11 @@ def test_small_deviations_are_drawn_larger_and_large_ones_as_they_are():
     turn = np.linspace(0, 6, 50)
     ring = np.column_stack([np.cos(turn), np.sin(turn), turn])
     near, far = ring * [77.0, 77.0, 1.0], ring * [120.0, 120.0, 1.0]
-    times, drawn, off = fig11.stretched(near, 76.0)
-    assert times == fig11.TIMES
+    times, drawn, off = stretched(near, 76.0)
+    assert times == TIMES
     assert np.allclose(off, 1)
     assert np.allclose(np.hypot(drawn[:, 0], drawn[:, 1]), 76.0 + times)
-    times, drawn, _ = fig11.stretched(far, 76.0)
+    times, drawn, _ = stretched(far, 76.0)
     assert times == 1
     assert np.allclose(drawn, far)
 

@@ -8,6 +8,7 @@ import pytest
 from algorithms.registration import CylinderMapSettings, EllipsoidSettings
 from algorithms.registration.icp import IcpSettings
 from scenarios.bench.calibrated import BoardSession, as_drawn, calibrate
+from scenarios.bench.clouds import MOST_POINTS
 from scenarios.bench.scans import scan_errors, take_scan
 from scenarios.load import load_scenario
 from scenarios.run import RunFailed
@@ -35,9 +36,26 @@ def rms(errors, method, name):
     return float(np.sqrt(np.mean([getattr(e, name) ** 2 for e in errors if e.method == method])))
 
 
+def errors_of(seed, methods):
+    return [error for errors, _ in scan_errors(short(), seed, methods, 1, quiet) for error in errors]
+
+
 @pytest.fixture(scope="module")
-def errors():
+def found():
     return list(scan_errors(short(), 3, METHODS, 1, quiet))
+
+
+@pytest.fixture(scope="module")
+def errors(found):
+    return [error for errors, _ in found for error in errors]
+
+
+def test_the_clouds_of_the_methods_differ_as_their_poses_do(found):
+    clouds = {cloud.method: cloud for _, cloud in found}
+    high = {m: np.abs(np.hypot(*c.xyz_mm[:, :2].T) - c.bore_mm) for m, c in clouds.items()}
+    assert np.median(high["ours"]) < np.median(high["peer"])
+    assert all(1000 < len(cloud.xyz_mm) <= 1.01 * MOST_POINTS for cloud in clouds.values())
+    assert np.ptp(clouds["ours"].xyz_mm[:, 2]) > 60
 
 
 def test_every_frame_is_judged_for_every_method(errors):
@@ -63,8 +81,8 @@ def test_the_same_seed_gives_the_same_errors_and_another_does_not(errors):
         return [e.center_mm for e in found if e.method == "ours"]
 
     alone = {"ours": METHODS["ours"]}
-    assert numbers(scan_errors(short(), 3, alone, 1, quiet)) == numbers(errors)
-    assert numbers(scan_errors(short(), 4, alone, 1, quiet)) != numbers(errors)
+    assert numbers(errors_of(3, alone)) == numbers(errors)
+    assert numbers(errors_of(4, alone)) != numbers(errors)
 
 
 def test_nothing_is_left_on_disk(tmp_path, monkeypatch):

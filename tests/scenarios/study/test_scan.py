@@ -16,6 +16,7 @@ from scenarios.study.conduct import opened
 from scenarios.study.plan import Recipe, recipe_of
 from scenarios.study.scan import maker, scan, stage_keys
 from scenarios.study.study import load_study
+from sensor_model.recording import open_recording
 from sensor_model.streams import stream
 from twin.simulate import simulate
 
@@ -80,7 +81,8 @@ def test_methods_measure_one_recording_and_no_stage_is_made_twice(recipe, tmp_pa
 def test_pictures_are_decoded_once(recipe, tmp_path: Path, monkeypatch):
     drawn = _scenario(recipe)
     truth = simulate(drawn.pipe, drawn.robot, drawn.drive, stream(0, "drive"))
-    recording = sensed(drawn, truth, tmp_path / "recording", 1, {}, lambda *_: None)
+    sensed(drawn, truth, tmp_path / "recording", 1, {}, lambda *_: None)
+    recording = open_recording(tmp_path / "recording")
     pictured = drawn.model_copy(update={"sensing": drawn.sensing.model_copy(update={"fidelity": "raycast"})})
     seen = []
     see = module.see

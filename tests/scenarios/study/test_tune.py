@@ -98,6 +98,7 @@ def test_a_search_that_cannot_win_is_told_so(lab):
     assert tuned.verdicts[0].words.startswith("depth_error_mm: no difference beyond the noise (+0 ± 0, n = 6)")
     page = (lab.folder / "out" / "tuning.html").read_text()
     assert 'class="verdict faulty">Hold-out: depth_error_mm: no difference' in page
+    assert page.count("<img") == 2  # trials over the objectives, and over the searched settings
 
 
 @pytest.mark.parametrize("sampler", ["nsga2", "random"])

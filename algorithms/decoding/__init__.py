@@ -1,0 +1,1 @@
+"""The steps from a picture to named slit pixels; `algorithms.decode` calls them in turn."""
