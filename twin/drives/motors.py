@@ -29,7 +29,7 @@ class RollTo(Settings):
     """A roll to go to by the end wheels, which then hold it: clockwise seen along +z, 0 as the robot stands level."""
 
     start_s: Annotated[float, Field(ge=0)]
-    to_deg: Annotated[float, Field(ge=-180, le=180)]
+    to_deg: Annotated[float, Field(ge=-350, le=350)]
     rate_deg_s: Annotated[float, Field(gt=0, le=180)] = 20.0
 
 
