@@ -24,8 +24,8 @@ Model = Callable[[Mapping[str, Any]], Any]
 class Source:
     """An input quantity: its estimate, standard uncertainty, degrees of freedom, and its law for Monte Carlo.
 
-    A normal law with few degrees of freedom is drawn as Student's t, as JCGM 101 asks of a mean of few readings; for the
-    other laws the degrees of freedom say how well the half width is known (GUM G.4.2), and only propagation uses them.
+    A normal law with few degrees of freedom is drawn as Student's t, as JCGM 101 asks of a mean of few readings;
+    for the other laws they say how well the half width is known (GUM G.4.2), and only propagation uses them.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Draws(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """How far the ends of two intervals lie apart, and how far they may (JCGM 101, 8.1): half a unit of u's last digit."""
+    """How far the ends of two intervals lie apart, and may: half a unit of u's last digit (JCGM 101, 8.1)."""
 
     low_apart: float
     high_apart: float

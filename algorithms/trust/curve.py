@@ -29,8 +29,13 @@ class NoCurve(NamedTuple):
 class Curve(Protocol):
     """A fitted POD curve on its own axis x, which is the size or its logarithm, and the likelihood around it."""
 
-    scale: str
-    log_likelihood: float
+    @property
+    def scale(self) -> str:
+        """`log` or `linear`."""
+
+    @property
+    def log_likelihood(self) -> float:
+        """That of the likeliest curve, which this is."""
 
     def place(self, pod: float) -> float:
         """The x at which the curve reaches a POD; not a number where it never does."""

@@ -11,9 +11,9 @@ from scipy.stats import beta, chi2
 
 
 class Share(NamedTuple):
-    """A count of `n`, with the two-sided Clopper-Pearson interval of its probability (not a number of none)."""
+    """So many of `n`, with the two-sided Clopper-Pearson interval of its probability (not a number of none)."""
 
-    count: int
+    counted: int
     n: int
     share: float
     low: float
@@ -24,7 +24,7 @@ class Share(NamedTuple):
 class Rate(NamedTuple):
     """Calls over a length, per metre, with the exact Poisson interval, and the one-sided upper bound."""
 
-    count: int
+    calls: int
     length_m: float
     per_m: float
     low_per_m: float
@@ -73,8 +73,8 @@ def rate_of(count: int, length_m: float, confidence: float = 0.95) -> Rate:
     tail = (1 - confidence) / 2
     low = chi2.ppf(tail, 2 * count) / 2 if count else 0.0
     high, upper = chi2.ppf(1 - tail, 2 * count + 2) / 2, chi2.ppf(confidence, 2 * count + 2) / 2
-    per_m = [float(value) / length_m for value in (count, low, high, upper)]
-    return Rate(count, length_m, *per_m, confidence)
+    per_m, low, high, upper = (float(value) / length_m for value in (count, low, high, upper))
+    return Rate(count, length_m, per_m, low, high, upper, confidence)
 
 
 def hits_needed(pod: float = 0.9, confidence: float = 0.95) -> int:

@@ -38,17 +38,17 @@ def membership(
     for name, size in (("length", length_mm), ("width", width_mm)):
         if not (np.isfinite(size).all() and np.all(size > 0)):
             raise ValueError(f"every {name} must be finite and greater than 0 mm")
-    a = unit_mm(wall_mm)
-    L, W = length_mm, width_mm
-    long, wide = L >= a, W >= a
-    general = (L >= 3 * a) & (W >= 3 * a)
-    elongated, broad = L >= 2 * W, W >= 2 * L  # L / W >= 2 and <= 0.5, free of a division's rounding
+    length, width = length_mm / unit_mm(wall_mm), width_mm / unit_mm(wall_mm)
+    long, wide = length >= 1, width >= 1
+    general = (length >= 3) & (width >= 3)
+    # L / W >= 2 and <= 0.5
+    elongated, broad = length >= 2 * width, width >= 2 * length
     return np.stack(
         [
             general,
-            long & wide & (L < 6 * a) & (W < 6 * a) & ~elongated & ~broad & ~general,
-            wide & (W < 3 * a) & elongated,
-            long & (L < 3 * a) & broad,
+            long & wide & (length < 6) & (width < 6) & ~elongated & ~broad & ~general,
+            wide & (width < 3) & elongated,
+            long & (length < 3) & broad,
             ~long & ~wide,
             long & ~wide,
             ~long & wide,

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from algorithms.trust.curve import NoCurve, to_x
-from algorithms.trust.hit_miss import HitMiss, fit_hit_miss, no_curve
+from algorithms.trust.hit_miss import HitMiss, HitMissCurve, fit_hit_miss, no_curve
 from algorithms.trust.links import LINKS, STEEPEST
 
 NEAREST = 1e-9  # of a POD to 0, to 1, to its floor or its ceiling
@@ -183,7 +183,9 @@ def fit_floor_ceiling(
         return missing
     x = to_x(data.size, scale)
     plain = fit_hit_miss(data, link, scale)
-    middle, spread = (plain.mu, plain.sigma) if plain else (float(np.median(x)), float(np.std(x)))
+    middle, spread = float(np.median(x)), float(np.std(x))
+    if isinstance(plain, HitMissCurve):
+        middle, spread = plain.mu, plain.sigma
     first = FloorCeilingCurve(data, link, scale, floor, ceiling, middle, spread, 0.0, 1.0, -np.inf)
     of, best = _best_curve(first, 0.0, 1.0)
     if of[1] <= 10 * NO_SLOPE:

@@ -1,4 +1,4 @@
-"""A crossed gauge study: repeatability and reproducibility by analysis of variance, and by means and ranges (AIAG MSA)."""
+"""A crossed gauge study: repeatability and reproducibility by analysis of variance, or by means and ranges (AIAG)."""
 
 from __future__ import annotations
 

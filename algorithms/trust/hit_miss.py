@@ -89,7 +89,7 @@ class HitMissCurve:
         return log_likelihood(link, np.full(data.size.size, level), data)
 
     def log_likelihood_without(self, pod: float, side: Literal["above", "below"]) -> float:
-        """The best of all flat curves that stay below (above) this POD: what a curve comes to that reaches it nowhere."""
+        """The best of all curves that stay below (above) this POD at any size: they are flat."""
         share = float(np.average(self.data.hit, weights=self.data.weight))
         level = min(share, pod) if side == "above" else max(share, pod)
         link = LINKS[self.link]
@@ -159,7 +159,15 @@ def maximise(
     return coefficients, best
 
 
-def _halved(link, offset, design, data, start, step, best):  # noqa: ANN001, ANN202
+def _halved(
+    link: Link,
+    offset: np.ndarray,
+    design: np.ndarray,
+    data: HitMiss,
+    start: np.ndarray,
+    step: np.ndarray,
+    best: float,
+) -> tuple[np.ndarray, float]:
     """The first of the step, its half, its quarter ... that does not lose likelihood."""
     for _ in range(60):
         value = log_likelihood(link, offset + design @ (start + step), data)

@@ -1,4 +1,4 @@
-"""A tool's performance as the inspection trade states it: tolerance at a certainty, classes told apart, identification."""
+"""A tool's performance as the inspection trade states it: tolerance at a certainty, classes, identification."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def unity_words(unity: Unity) -> list[str]:
     """The statement in lines: the share inside, then a verdict for each certainty."""
     inside = unity.inside
     lines = [
-        f"{inside.count} of {inside.n} within +-{unity.tolerance_pct:g} % of the wall: {100 * inside.share:.1f} % "
+        f"{inside.counted} of {inside.n} within +-{unity.tolerance_pct:g} % of the wall: {100 * inside.share:.1f} % "
         f"[{100 * inside.low:.1f}, {100 * inside.high:.1f}]"
     ]
     for c in unity.certainties:

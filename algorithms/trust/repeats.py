@@ -53,7 +53,7 @@ def dispersion(
 
 
 def dispersed_drop(confidence: float, spread: Dispersion) -> float:
-    """The one-sided drop where the looks count as independent and the dispersion is measured: an F law's, not chi2's."""
+    """The one-sided drop where looks count as independent and the dispersion is measured: an F law's."""
     return float(spread.factor * f_law.ppf(2 * confidence - 1, 1, spread.degrees_of_freedom))
 
 

@@ -1,4 +1,4 @@
-"""Probability of detection from signals over sizes (a-hat vs a): a censored straight line (MIL-HDBK-1823A, Appendix G)."""
+"""Probability of detection from signals over sizes (a-hat vs a): a censored line (MIL-HDBK-1823A, Appendix G)."""
 
 from __future__ import annotations
 
@@ -42,8 +42,9 @@ class Signals:
 
 @dataclass(frozen=True)
 class SignalCurve:
-    """signal = intercept + slope x + tau e, e normal; x and signal are as measured or logarithms. A hit exceeds `decision`.
+    """signal = intercept + slope x + tau e, e normal; a signal above `decision` is a hit.
 
+    x and signal are as measured, or their natural logarithms.
     `covariance` is of intercept, slope, tau. POD = Phi((x - mu) / sigma).
     """
 
