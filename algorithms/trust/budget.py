@@ -31,7 +31,7 @@ class Source:
     name: str
     value: float
     u: float
-    degrees_of_freedom: float = inf
+    degrees_of_freedom: int | float = inf
     law: Law = "normal"
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ class Comparison(NamedTuple):
 
 
 def from_half_width(
-    name: str, value: float, half_width: float, law: Law = "rectangular", degrees_of_freedom: float = inf
+    name: str, value: float, half_width: float, law: Law = "rectangular", degrees_of_freedom: int | float = inf
 ) -> Source:
     """A source known by limits only (GUM 4.3.7)."""
     return Source(name, value, half_width / HALF_WIDTH[law], degrees_of_freedom, law)
@@ -109,7 +109,7 @@ def from_readings(name: str, readings: Float[np.ndarray, "n"]) -> Source:
     return Source(name, float(readings.mean()), float(readings.std(ddof=1) / sqrt(readings.size)), readings.size - 1)
 
 
-def coverage_factor(coverage: float, degrees_of_freedom: float = inf) -> float:
+def coverage_factor(coverage: float, degrees_of_freedom: int | float = inf) -> float:
     """How many standard uncertainties hold the value with this coverage: Student's t, or the normal law's."""
     if not 0 < coverage < 1:
         raise ValueError(f"a coverage of {coverage} is not between 0 and 1")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.optimize import brentq
@@ -26,6 +26,7 @@ class NoCurve(NamedTuple):
         return False
 
 
+@runtime_checkable
 class Curve(Protocol):
     """A fitted POD curve on its own axis x, which is the size or its logarithm, and the likelihood around it."""
 

@@ -33,13 +33,13 @@ class Rate(NamedTuple):
     confidence: float
 
 
-def share_upper(count: float, n: float, confidence: float = 0.95) -> float:
+def share_upper(count: int | float, n: int | float, confidence: float = 0.95) -> float:
     """The one-sided Clopper-Pearson upper bound (MIL-HDBK-1823A, Table G-I, of the false-call probability)."""
     _check(count, n, confidence)
     return 1.0 if count == n else float(beta.ppf(confidence, count + 1, n - count))
 
 
-def share_lower(count: float, n: float, confidence: float = 0.95) -> float:
+def share_lower(count: int | float, n: int | float, confidence: float = 0.95) -> float:
     """The one-sided Clopper-Pearson lower bound."""
     _check(count, n, confidence)
     return 0.0 if count == 0 else float(beta.ppf(1 - confidence, count, n - count + 1))
@@ -55,7 +55,7 @@ def share_of(count: int, n: int, confidence: float = 0.95) -> Share:
     return Share(count, n, count / n, low, high, confidence)
 
 
-def _check(count: float, n: float, confidence: float) -> None:
+def _check(count: int | float, n: int | float, confidence: float) -> None:
     if not 0 <= count <= n:
         raise ValueError(f"{count} of {n} is no share")
     if not 0 < confidence < 1:

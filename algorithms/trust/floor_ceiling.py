@@ -179,7 +179,7 @@ def fit_floor_ceiling(
 
     With a free floor, calls at blank places count as evidence of it.
     """
-    if missing := no_curve(data):
+    if (missing := no_curve(data)) is not None:
         return missing
     x = to_x(data.size, scale)
     plain = fit_hit_miss(data, link, scale)

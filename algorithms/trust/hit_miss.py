@@ -102,7 +102,7 @@ def fit_hit_miss(data: HitMiss, link: str = "logit", scale: str = "log") -> HitM
     Hits and misses that some size parts have no likeliest curve: its slope would be infinite, and what programs
     print then is where they stopped. MIL-HDBK-1823A's models are `logit` on `log` or `linear` sizes.
     """
-    if missing := no_curve(data):
+    if (missing := no_curve(data)) is not None:
         return missing
     x = to_x(data.size, scale)
     middle = float(np.average(x, weights=data.weight))

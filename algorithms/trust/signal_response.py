@@ -127,7 +127,7 @@ def fit_signals(
         raise ValueError("a logarithmic signal scale needs signals and a decision greater than 0")
     x, y = to_x(data.size, scale), to_x(data.signal, signal_scale)
     exact = ~(data.below | data.above)
-    if missing := _no_line(x, y, exact):
+    if (missing := _no_line(x, y, exact)) is not None:
         return missing
     middle, base, unit = float(x.mean()), float(y[exact].mean()), float(y[exact].std())
     design = np.column_stack([(y - base) / unit, -np.ones_like(x), middle - x])

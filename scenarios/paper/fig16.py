@@ -91,6 +91,8 @@ def run_fig16(out: Path) -> list[Row]:
 
 def picture(rows: list[Row]) -> bytes:
     """Standard uncertainty and its expansions over the number of scans, as a PNG."""
+    from matplotlib.ticker import NullFormatter, ScalarFormatter
+
     with drawing(4.2, 12.0) as figure:
         left, right = figure.subplots(1, 2)
         for name, color, marker in zip(DIMENSIONS, SERIES, MARKERS, strict=False):
@@ -101,12 +103,12 @@ def picture(rows: list[Row]) -> bytes:
             )
             m = np.linspace(2, 6, 100)
             left.plot(m, own[-1]["deviation_mm"] / np.sqrt(m), color=color, linewidth=0.9)
-            left.plot([6], [TABLE_3_STANDARD_MM[name]], "x", color=color, markersize=9, markeredgewidth=2)
+            left.plot([6.3], [TABLE_3_STANDARD_MM[name]], "x", color=color, markersize=9, markeredgewidth=2)
             right.plot(
                 scans, [row["expanded_t_mm"] for row in own], marker + "-", color=color, label=f"{name}: times t"
             )
             right.plot(scans, [row["expanded_k196_mm"] for row in own], marker + ":", color=color, mfc="white")
-        left.plot([], [], "x", color="#222222", markersize=9, markeredgewidth=2, label="Table 3 as printed")
+        left.plot([], [], "x", color="#222222", markersize=9, markeredgewidth=2, label="Table 3 as printed (six scans)")
         left.plot([], [], color="#222222", linewidth=0.9, label="S of all six / sqrt(m)")
         right.plot([], [], "o:", color="#222222", mfc="white", label="times 1.96")
         left.set_title("Standard uncertainty falls as 1 / sqrt(m)")
@@ -119,4 +121,8 @@ def picture(rows: list[Row]) -> bytes:
             axes.set_xticks(range(2, 7))
             axes.legend()
         left.set_ylim(0)
+        left.set_xlim(1.8, 6.6)
+        right.yaxis.set_major_formatter(ScalarFormatter())
+        right.set_yticks([1, 2, 5, 10, 20, 50])
+        right.yaxis.set_minor_formatter(NullFormatter())
         return to_picture(figure, "", "").file

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from algorithms.trust.curve import SCALES, Curve, NoCurve, size_at, size_bound
+from algorithms.trust.curve import SCALES, NoCurve, size_at, size_bound
 from algorithms.trust.detection import CONFIDENCE, POD, Bound, a90_95, handbook_signal_bound
 from algorithms.trust.exact_bounds import hits_needed, run_of_hits_bound, share_of, share_upper
 from algorithms.trust.floor_ceiling import FloorCeilingCurve, fit_floor_ceiling
@@ -134,7 +134,7 @@ def _torn_targets(table: Table, question: PodQuestion, target: np.ndarray, size:
 # ---- hits and misses
 
 
-def _fit(looks: Looks, question: PodQuestion) -> Curve | NoCurve:
+def _fit(looks: Looks, question: PodQuestion) -> HitMissCurve | FloorCeilingCurve | NoCurve:
     data = pooled(looks.size, looks.value == 1, looks.target)
     if question.floor or question.ceiling:
         return fit_floor_ceiling(data, question.link, question.size_scale, question.floor, question.ceiling)
@@ -146,8 +146,7 @@ def _of_hits(looks: Looks, question: PodQuestion) -> Pod:
     curve = _fit(looks, question)
     figures: Row = {"kind": "hit/miss", **_counts(looks), "hits": int(hit[real].sum()), "link": question.link}
     figures |= {"size_scale": question.size_scale} | _shape(curve)
-    bounds = list(a90_95(curve)) if curve else []
-    bounds += _repeat_bounds(looks, question) if curve else []
+    bounds = [] if isinstance(curve, NoCurve) else [*a90_95(curve), *_repeat_bounds(looks, question)]
     size, whole = all_hit(looks.size[real], hit[real], looks.target[real])
     needed = hits_needed(POD, CONFIDENCE)
     words = f"no curve: {needed} targets in a row above the largest miss, POD only not falling with size"

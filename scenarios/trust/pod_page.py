@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from algorithms.trust.curve import NoCurve, one_sided_drop, to_size, to_x
 from algorithms.trust.detection import CONFIDENCE, POD, lower_curve
@@ -23,7 +24,7 @@ from scenarios.trust.pod import Pod, PodQuestion, Row, pod_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BOUND_PODS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99]
+BOUND_PODS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99, 0.995, 0.999]
 POINTS, BINS, FEWEST_A_BIN = 300, 8, 5
 FOOTER = (
     "Sizes and signals in the table's own units. Bounds come from likelihood-ratio regions. After MIL-HDBK-1823A; one "
@@ -71,8 +72,9 @@ def curve_rows(pod: Pod) -> list[Row]:
     x = axis_points(ends[0], ends[1], curve.scale)
     lower = np.zeros(POINTS)
     if bound:
-        place = to_x(np.array([size for size, _ in bound]), curve.scale)
-        lower = np.interp(x, place, np.array([value for _, value in bound]), left=0.0)
+        place, level = np.array(bound).T
+        deviate = np.interp(x, to_x(place, curve.scale), ndtri(level), left=-np.inf)  # straighter than the POD itself
+        lower = ndtr(deviate)
     return [
         {"size": to_size(at, curve.scale), "pod": float(value), "pod_lower_95": float(low)}
         for at, value, low in zip(x, curve.pod(x), np.minimum(lower, curve.pod(x)), strict=True)
@@ -114,7 +116,7 @@ def facts(pod: Pod) -> list[tuple[str, str]]:
     if f["outcome"] == "curve":
         out += _parameters(f)
         out += [("a50", _size(f["a50"])), ("a90", _size(f["a90"]))]
-    out += [("a90/95", f"{_size(bound['size'])}  {bound['convention']}") for bound in f["a90_95"]]
+    out += [("a90/95", f"{_size(bound['size'])} ({bound['convention']})") for bound in f["a90_95"]]
     if calls := f.get("false_calls"):
         out.append(("false calls", _calls(calls)))
     if noise := f.get("noise"):
@@ -169,7 +171,7 @@ def page(file: Path, pod: Pod, rows: list[Row]) -> str:
     columns = _other_columns(pod)
     others = [list(columns.values()), *([_cell(row.get(key)) for key in columns] for row in pod.others)]
     sections = [
-        Section("Detection", pictures=pictures, sentences=pod.notes),
+        Section("Detection", [note[0].upper() + note[1:] + "." for note in pod.notes], pictures=pictures),
         Section("Figures", table=[("figure", "value"), *facts(pod)]),
         Section(
             "Other models on the same looks",
@@ -204,7 +206,7 @@ def _curve_picture(pod: Pod, rows: list[Row]) -> Picture:
         axes.set_ylim(-0.03, 1.03)
         axes.set_ylabel("probability of detection")
         axes.set_title("Probability of detection over size")
-        axes.legend(loc="lower right")
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.97))
         return to_picture(
             figure,
             "Probability of detection over size with its lower bound",
