@@ -62,7 +62,7 @@ def one_sided_drop(confidence: float) -> float:
 def to_x(size: np.ndarray | float, scale: str) -> np.ndarray:
     """The curve's axis: the size, or its natural logarithm (size 0 is minus infinity there)."""
     with np.errstate(divide="ignore"):
-        return np.log(size) if scale == "log" else np.asarray(size, dtype=float)
+        return np.asarray(np.log(size) if scale == "log" else size, dtype=float)
 
 
 def to_size(x: float, scale: str) -> float:
