@@ -11,7 +11,8 @@ from scipy.stats import chi2
 
 SCALES = ("log", "linear")
 HANDBOOK_DROP = 3.841  # chi2(1) at 95 %, as the handbook prints it
-FARTHEST = 1e4  # spreads of the curve; a bound beyond says nothing
+FARTHEST = 1e4  # spreads of the curve; a bound beyond says nothing,
+FARTHEST_LOG = float(np.log(1e6))  # nor does one a million times the size of the curve's middle
 
 Outcome = Literal["separated", "all hits", "all misses", "no rise", "a step", "too few sizes", "no spread"]
 
@@ -37,6 +38,10 @@ class Curve(Protocol):
     @property
     def log_likelihood(self) -> float:
         """That of the likeliest curve, which this is."""
+
+    @property
+    def mu(self) -> float:
+        """The curve's own middle."""
 
     def place(self, pod: float) -> float:
         """The x at which the curve reaches a POD; not a number where it never does."""
@@ -67,13 +72,14 @@ def to_x(size: np.ndarray | float, scale: str) -> np.ndarray:
 
 def to_size(x: float, scale: str) -> float:
     """The size at x; a linear curve that would need a size below nothing gives 0."""
-    return float(np.exp(x)) if scale == "log" else max(float(x), 0.0)
+    with np.errstate(over="ignore"):
+        return float(np.exp(x)) if scale == "log" else max(float(x), 0.0)
 
 
 def size_at(curve: Curve, pod: float) -> float | None:
     """The size at which the curve reaches a POD (a50, a90); None where it never does."""
-    x = curve.place(pod)
-    return to_size(x, curve.scale) if np.isfinite(x) else None
+    size = to_size(curve.place(pod), curve.scale)
+    return size if np.isfinite(size) else None
 
 
 def size_bound(curve: Curve, pod: float, drop: float, side: Literal["upper", "lower"] = "upper") -> float | None:
@@ -81,30 +87,39 @@ def size_bound(curve: Curve, pod: float, drop: float, side: Literal["upper", "lo
 
     The region holds every curve whose twice log-likelihood is at most `drop` below the best one's: for a90/95
     `one_sided_drop(0.95)`, or 3.841 as MIL-HDBK-1823A takes it (Appendix G, the loglikelihood ratio criterion).
-    None where the region holds curves that never reach the POD: then the data give no bound.
+    None where the region holds curves that never reach the POD: then the data give no bound (a lower one is 0).
     """
-    sign = 1.0 if side == "upper" else -1.0
+    sign, nowhere = (1.0, None) if side == "upper" else (-1.0, 0.0)
+    reach = min(FARTHEST * curve.spread(), FARTHEST_LOG) if curve.scale == "log" else FARTHEST * curve.spread()
 
     def fall(x: float) -> float:
         return 2 * (curve.log_likelihood - curve.log_likelihood_through(x, pod)) - drop
 
-    beyond = 2 * (curve.log_likelihood - curve.log_likelihood_without(pod, "above" if side == "upper" else "below"))
-    if beyond <= drop:
-        return None if side == "upper" else 0.0
-    inside = curve.place(pod)
-    if not np.isfinite(inside):
-        inside = curve.place(0.5)
-    outside = bracket(fall, inside, sign * curve.spread())
+    if 2 * (curve.log_likelihood - curve.log_likelihood_without(pod, "above" if sign > 0 else "below")) <= drop:
+        return nowhere
+    inside = _inside(curve, pod, fall, -sign, reach)
+    if inside is None:
+        return 0.0 if side == "upper" else None
+    outside = bracket(fall, inside, sign * curve.spread(), reach)
     if outside is None:
-        return None if side == "upper" else 0.0
+        return nowhere
     return to_size(float(brentq(fall, inside, outside, xtol=1e-12, rtol=1e-12)), curve.scale)
 
 
-def bracket(fall: Callable[[float], float], start: float, step: float) -> float | None:
+def _inside(curve: Curve, pod: float, fall: Callable[[float], float], inward: float, reach: float) -> float | None:
+    """A place at which a curve of the region takes the POD: where the likeliest one does, if it ever does."""
+    place = curve.place(pod)
+    if np.isfinite(place):
+        return place
+    if fall(curve.mu) <= 0:
+        return curve.mu
+    return bracket(lambda x: -fall(x), curve.mu, inward * curve.spread(), reach)
+
+
+def bracket(fall: Callable[[float], float], start: float, step: float, farthest: float) -> float | None:
     """A place where `fall` is above nothing, sought outward from `start` by doubling; None if there is none near."""
-    reach = step
-    while abs(reach) < FARTHEST * abs(step):
-        if fall(start + reach) > 0:
-            return start + reach
-        reach *= 2
+    while abs(step) < farthest:
+        if fall(start + step) > 0:
+            return start + step
+        step *= 2
     return None

@@ -27,7 +27,7 @@ def a90_95(curve: Curve) -> tuple[Bound, ...]:
     return (
         Bound(f"likelihood ratio {drop:.3f}, one-sided 95 %", size_bound(curve, POD, drop)),
         Bound(
-            f"likelihood ratio {HANDBOOK_DROP:g}, as MIL-HDBK-1823A (one-sided 97.5 %)",
+            f"likelihood ratio {HANDBOOK_DROP:g}, one-sided 97.5 %, as MIL-HDBK-1823A",
             size_bound(curve, POD, HANDBOOK_DROP),
         ),
     )

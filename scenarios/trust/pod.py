@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -254,6 +255,7 @@ def _of_signals(looks: Looks, question: PodQuestion, file: Path) -> Pod:
             "Wald bound of log a90, z 1.645: MIL-HDBK-1823A's own print for signals, an approximation, not used here"
         )
         bounds.append(Bound(words, handbook_signal_bound(curve)))
+        bounds += _free_signal_bounds(data, curve)
     figures["a90_95"] = [bound._asdict() for bound in bounds]
     notes = _notes(curve, looks, figures, FEWEST_SIGNALS)
     if isinstance(curve, SignalCurve) and (checks := check_signals(curve)):
@@ -263,6 +265,17 @@ def _of_signals(looks: Looks, question: PodQuestion, file: Path) -> Pod:
         figures["noise"] = _noise(value[noise], below[noise], decision, question, notes)
     others = [_other_signal_row(data, decision, scale, other) for scale in SCALES for other in SCALES]
     return Pod(figures, curve, looks, others, notes)
+
+
+def _free_signal_bounds(data: Signals, curve: SignalCurve) -> list[Bound]:
+    """Where targets were looked at repeatedly: the same bounds if looks were independent."""
+    if np.all(data.weight == 1):
+        return []
+    free = fit_signals(replace(data, weight=np.ones_like(data.weight)), curve.decision, curve.scale, curve.signal_scale)
+    if isinstance(free, NoCurve):
+        return []
+    bounds = [*a90_95(free), Bound("Wald bound of log a90, z 1.645", handbook_signal_bound(free))]
+    return [Bound(f"if repeats were independent: {bound.convention}", bound.size) for bound in bounds]
 
 
 def _censored(value: np.ndarray, question: PodQuestion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -194,7 +194,13 @@ def _curve_picture(pod: Pod, rows: list[Row]) -> Picture:
     with drawing(4.6) as figure:
         axes = figure.subplots()
         axes.plot(size, curve, color=BLUE, label="POD, likeliest curve")
-        axes.plot(size, lower, color=BLUE, linestyle="--", label="its one-sided 95 % lower bound (likelihood ratio)")
+        axes.plot(
+            size,
+            np.where(lower > 0, lower, np.nan),
+            color=BLUE,
+            linestyle="--",
+            label="its one-sided 95 % lower bound (likelihood ratio)",
+        )
         if pod.figures["kind"] == "hit/miss":
             _bins(axes, pod)
         axes.axhline(POD, color="#777777", linewidth=0.8)
@@ -206,7 +212,7 @@ def _curve_picture(pod: Pod, rows: list[Row]) -> Picture:
         axes.set_ylim(-0.03, 1.03)
         axes.set_ylabel("probability of detection")
         axes.set_title("Probability of detection over size")
-        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.97))
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.88))
         return to_picture(
             figure,
             "Probability of detection over size with its lower bound",
@@ -216,7 +222,8 @@ def _curve_picture(pod: Pod, rows: list[Row]) -> Picture:
 
 def _caption(pod: Pod) -> str:
     if pod.figures["kind"] == "hit/miss":
-        return "Dots: share of hits of targets of about one size, with its exact 95 % interval; ticks: single looks."
+        free = "" if pod.figures["looks_per_target"][1] == 1 else ", as if looks were independent"
+        return f"Dots: share of hits of targets of about one size, exact 95 % interval{free}; ticks: single looks."
     return "Hits are signals above the decision."
 
 

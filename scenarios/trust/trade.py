@@ -36,13 +36,13 @@ def trade_sections(trade: Trade) -> list[Section]:
         ),
         Section(
             "Classes",
-            [f"{share_words('right', trade.confusion.right)}. {NOTE[0].upper()}{NOTE[1:]}."],
+            [f"{share_words('Class right', trade.confusion.right)}. {NOTE[0].upper()}{NOTE[1:]}."],
             confusion_table(trade.confusion),
         ),
         Section(
             "Detection and identification",
             [
-                f"{share_words('detected', found)}; {share_words('identified of those detected (POI)', named)}.",
+                f"{share_words('Detected', found)}; {share_words('identified of those detected (POI)', named)}.",
                 f"{rate_words(trade.false_calls)}.",
             ],
         ),
