@@ -50,7 +50,7 @@ def pod(
     as_json: AsJson = False,
 ) -> None:
     """Probability of detection from hits and misses or from signals: a50, a90, a90/95, false calls."""
-    from scenarios.trust.pod import question_of
+    from scenarios.trust.looks import question_of
     from scenarios.trust.pod_page import json_figures, run_pod, words
 
     given = {"size": size, "hit": tuple(hit or ()), "signal": tuple(signal or ()), "decision": decision, "left": left}

@@ -19,7 +19,8 @@ from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import BLACK, BLUE, GREEN, ORANGE, VERMILION, Picture, drawing, to_picture
 from scenarios.report.plain_rows import text_table
 from scenarios.run_folder import run_folder
-from scenarios.trust.pod import Pod, PodQuestion, Row, pod_of
+from scenarios.trust.looks import PodQuestion, Row
+from scenarios.trust.pod import Pod, pod_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,7 +22,8 @@ from scenarios.report.calibration_page import calibration_page
 from scenarios.trust.columns import read_table
 from scenarios.trust.gauge import figures, gauge_of, run_gauge
 from scenarios.trust.gauge import words as gauge_words
-from scenarios.trust.pod import pod_of, question_of
+from scenarios.trust.looks import question_of
+from scenarios.trust.pod import pod_of
 from scenarios.trust.pod_page import json_figures, run_pod, words
 from scenarios.trust.trade import Trade, trade_sections
 
@@ -103,6 +104,22 @@ def test_signals_have_a_page_with_both_pictures(tmp_path):
     pod = run_pod(file, ask(signal=("s",), decision=2.5, signal_scale="log"), tmp_path / "out")
     assert pod.figures["a90"] == pytest.approx(np.exp((np.log(2.5) - 0.4 + 1.2816 * 0.2) / 0.8), rel=0.1)
     assert (tmp_path / "out" / "report.html").read_text().count("<img") == 2
+
+
+def test_repeated_signals_count_once_a_target_and_blanks_are_noise(tmp_path):
+    rng = np.random.default_rng(1)
+    size = np.concatenate([np.zeros(12), rng.uniform(1, 10, 50)])
+    one = np.where(size > 0, 1 + 2 * np.log(np.maximum(size, 1)), 0.5) + 0.6 * rng.standard_normal(62)
+    file = tmp_path / "signals.csv"
+    file.write_text("size,a,b\n" + "\n".join(f"{a:.4f},{s:.4f},{s:.4f}" for a, s in zip(size, one, strict=True)))
+    once, twice = (pod_of(file, ask(signal=columns, decision=2.0)) for columns in (("a",), ("a", "b")))
+    assert twice.figures["a90_95"][0]["size"] == pytest.approx(once.figures["a90_95"][0]["size"], rel=1e-6)
+    free = next(
+        bound for bound in twice.figures["a90_95"] if bound["convention"].startswith("if repeats were independent")
+    )
+    assert once.figures["a90"] < free["size"] < once.figures["a90_95"][0]["size"]
+    assert once.figures["noise"]["n"] == 12
+    assert once.figures["noise"]["mean"] == pytest.approx(0.5, abs=0.5)
 
 
 def test_separated_hits_are_said_to_be_and_have_no_slope(tmp_path):
