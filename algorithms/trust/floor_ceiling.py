@@ -41,8 +41,9 @@ class FloorCeilingCurve:
 
     @property
     def deviance(self) -> float:
-        """Twice the log-likelihood below that of a perfect forecast."""
-        return -2 * self.log_likelihood
+        """Twice the log-likelihood of the looks at targets below a perfect forecast's; blank places are not in it."""
+        blank = _blank_log_likelihood(self, self.floor)[0]
+        return -2 * (self.log_likelihood - blank)
 
     def place(self, pod: float) -> float:
         """The x at which the curve reaches a POD; not a number outside floor and ceiling."""
@@ -114,12 +115,18 @@ def _slopes(
     total = data.weight @ np.where(data.hit, np.log(pod), np.log1p(-pod))
     by_pod = data.weight * np.where(data.hit, 1 / pod, -1 / (1 - pod))
     by_floor, by_ceiling = by_pod @ (1 - rise), by_pod @ rise
-    if curve.floor_free and data.blank_looks:
-        called, quiet = data.blank_calls, data.blank_looks - data.blank_calls
-        at = float(np.clip(floor, NEAREST, 1 - NEAREST))
-        total += called * np.log(at) + quiet * np.log1p(-at)
-        by_floor += called / at - quiet / (1 - at)
-    return float(total), by_pod * (ceiling - floor) * density, float(by_floor), float(by_ceiling)
+    blank, by_blank = _blank_log_likelihood(curve, floor)
+    by_predictor = by_pod * (ceiling - floor) * density
+    return float(total + blank), by_predictor, float(by_floor + by_blank), float(by_ceiling)
+
+
+def _blank_log_likelihood(curve: FloorCeilingCurve, floor: float) -> tuple[float, float]:
+    """The log-likelihood of calls at blank places and its slope by the floor; nothing where the floor is not free."""
+    called, quiet = curve.data.blank_calls, curve.data.blank_looks - curve.data.blank_calls
+    if not curve.floor_free or called + quiet == 0:
+        return 0.0, 0.0
+    at = float(np.clip(floor, NEAREST, 1 - NEAREST))
+    return float(called * np.log(at) + quiet * np.log1p(-at)), called / at - quiet / (1 - at)
 
 
 def _best_curve(curve: FloorCeilingCurve, lowest: float, highest: float) -> tuple[Parameters, float]:

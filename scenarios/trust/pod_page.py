@@ -71,11 +71,12 @@ def curve_rows(pod: Pod) -> list[Row]:
     sizes = pod.looks.size[pod.looks.size > 0]
     ends = [float(sizes.min()), max(float(sizes.max()), (pod.figures["a90"] or 0.0) * 1.1)]
     x = axis_points(ends[0], ends[1], curve.scale)
-    lower = np.zeros(POINTS)
-    if bound:
-        place, level = np.array(bound).T
-        deviate = np.interp(x, to_x(place, curve.scale), ndtri(level), left=-np.inf)  # straighter than the POD itself
-        lower = ndtr(deviate)
+    at_any_size = max((level for size, level in bound if size <= 0), default=0.0)
+    lower = np.full(POINTS, at_any_size)
+    if rising := [(size, level) for size, level in bound if size > 0]:
+        place, level = np.array(rising).T
+        # over normal deviates the curve is straighter
+        lower = ndtr(np.interp(x, to_x(place, curve.scale), ndtri(level), left=ndtri(at_any_size)))
     return [
         {"size": to_size(at, curve.scale), "pod": float(value), "pod_lower_95": float(low)}
         for at, value, low in zip(x, curve.pod(x), np.minimum(lower, curve.pod(x)), strict=True)
@@ -144,6 +145,8 @@ def _parameters(f: Row) -> list[tuple[str, str]]:
             out.append((name, f"{f[key]:.5g} (standard error {error:.4g})"))
     else:
         out.append(("floor, ceiling", f"{f['floor']:.4g}, {f['ceiling']:.4g}"))
+    if "deviance" in f:
+        out.append(("deviance", f"{f['deviance']:.5g}"))
     return out
 
 

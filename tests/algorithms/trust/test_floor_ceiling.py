@@ -33,6 +33,7 @@ def test_without_either_it_is_the_plain_curve():
     plain, free = fit_hit_miss(data), fit_floor_ceiling(data, floor=False, ceiling=False)
     assert free.log_likelihood == pytest.approx(plain.log_likelihood, abs=1e-7)
     assert size_bound(free, 0.9, 2.706) == pytest.approx(size_bound(plain, 0.9, 2.706), rel=1e-5)
+    assert free.deviance == pytest.approx(plain.deviance, abs=1e-6)
     more = fit_floor_ceiling(data)
     assert more.log_likelihood >= plain.log_likelihood - 1e-7
 

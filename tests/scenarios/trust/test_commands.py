@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+from algorithms.trust.curve import one_sided_drop, size_bound
 from algorithms.trust.exact_bounds import rate_of
 from algorithms.trust.feature_class import CLASSES
 from algorithms.trust.performance import confusion_of, identification_of, unity_of
@@ -24,7 +25,7 @@ from scenarios.trust.gauge import figures, gauge_of, run_gauge
 from scenarios.trust.gauge import words as gauge_words
 from scenarios.trust.looks import question_of
 from scenarios.trust.pod import pod_of
-from scenarios.trust.pod_page import json_figures, run_pod, words
+from scenarios.trust.pod_page import curve_rows, json_figures, run_pod, words
 from scenarios.trust.trade import Trade, trade_sections
 
 
@@ -138,6 +139,9 @@ def test_a_floor_is_fitted_where_asked(tmp_path):
     pod = pod_of(hits_csv(tmp_path, 400), ask(size="depth_mm", hit=("probe A",), floor=True))
     assert 0 < pod.figures["floor"] < 0.2
     assert pod.figures["ceiling"] == 1.0
+    for row in curve_rows(pod)[::100]:  # between the PODs at which the bound was sought the curve is drawn smooth
+        if 0 < row["pod_lower_95"] < 0.95:
+            assert size_bound(pod.curve, row["pod_lower_95"], one_sided_drop(0.95)) <= row["size"] * 1.03
 
 
 @pytest.mark.parametrize(
