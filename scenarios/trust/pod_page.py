@@ -63,7 +63,7 @@ def json_figures(pod: Pod) -> Row:
 
 
 def curve_rows(pod: Pod) -> list[Row]:
-    """The curve over sizes, with its one-sided 95 % lower bound (0 below the smallest size at which there is one)."""
+    """The curve over sizes, with its one-sided 95 % lower bound, smooth between the PODs of `BOUND_PODS`, where it is exact."""
     if isinstance(pod.curve, NoCurve):
         return []
     curve = pod.curve
