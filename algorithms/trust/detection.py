@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import exp, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
 
-from algorithms.trust.curve import HANDBOOK_DROP, Curve, one_sided_drop, size_bound
+from algorithms.trust.curve import HANDBOOK_DROP, Curve, one_sided_drop, size_at, size_bound
+from algorithms.trust.noise import Noise
 from algorithms.trust.signal_response import SignalCurve
 
 POD, CONFIDENCE = 0.9, 0.95
@@ -19,6 +21,15 @@ class Bound(NamedTuple):
 
     convention: str
     size: float | None
+
+
+class Decision(NamedTuple):
+    """A decision, the size it finds with 90 %, that size's one-sided 95 % bound, and how often it calls noise."""
+
+    decision: float
+    a90: float | None
+    a90_95: float | None
+    false_call_probability: float
 
 
 def a90_95(curve: Curve) -> tuple[Bound, ...]:
@@ -44,6 +55,17 @@ def lower_curve(curve: Curve, pods: list[float], drop: float) -> list[tuple[floa
         if size is None:
             break
         found.append((size, pod))
+    return found
+
+
+def over_decisions(curve: SignalCurve, noise: Noise, count: int = 25) -> list[Decision]:
+    """What each decision would give, from the middle of the noise to beyond its 99.9 % (MIL-HDBK-1823A's trade-off)."""
+    ends = min(noise.quantile(0.5), curve.decision), max(1.2 * noise.quantile(0.999), 1.1 * curve.decision)
+    found = []
+    for decision in np.linspace(*ends, count):
+        moved = replace(curve, decision=float(decision))  # the line does not depend on it
+        bound = size_bound(moved, POD, one_sided_drop(CONFIDENCE))
+        found.append(Decision(float(decision), size_at(moved, POD), bound, noise.call_probability(float(decision))))
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from algorithms.trust.curve import SCALES, NoCurve, size_at, size_bound
-from algorithms.trust.detection import CONFIDENCE, POD, Bound, a90_95, handbook_signal_bound
+from algorithms.trust.detection import CONFIDENCE, POD, Bound, a90_95, handbook_signal_bound, over_decisions
 from algorithms.trust.exact_bounds import hits_needed, run_of_hits_bound, share_of, share_upper
 from algorithms.trust.floor_ceiling import FloorCeilingCurve, fit_floor_ceiling
 from algorithms.trust.hit_miss import HitMissCurve, fit_hit_miss
@@ -176,7 +176,7 @@ def _of_signals(looks: Looks, question: PodQuestion, file: Path) -> Pod:
         figures["checks"] = checks._asdict()
         notes += checks.doubts()
     if noise.any():
-        figures["noise"] = _noise(value[noise], below[noise], decision, question, notes)
+        figures |= _noise(value[noise], below[noise], curve, question, notes)
     others = [_other_signal_row(data, decision, scale, other) for scale in SCALES for other in SCALES]
     return Pod(figures, curve, looks, others, notes)
 
@@ -200,17 +200,18 @@ def _censored(value: np.ndarray, question: PodQuestion) -> tuple[np.ndarray, np.
 
 
 def _noise(
-    signal: np.ndarray, below: np.ndarray, decision: float, question: PodQuestion, notes: list[str]
-) -> Row | None:
-    """The law of the noise, its quantiles, and how often noise alone is a hit."""
+    signal: np.ndarray, below: np.ndarray, curve: SignalCurve | NoCurve, question: PodQuestion, notes: list[str]
+) -> Row:
+    """The law of the noise, its quantiles, how often noise alone is a hit, and what other decisions would give."""
     law = "lognormal" if question.signal_scale == "log" else "normal"
     try:
         noise = fit_noise(signal, below, law)
     except ValueError as error:
         notes.append(f"no law of the noise: {error}")
-        return None
+        return {}
+    decision = float(question.decision or 0.0)
     called = int(np.sum(signal > decision))
-    return {
+    said = {
         "law": law,
         "n": noise.n,
         "mean": noise.mean,
@@ -219,6 +220,9 @@ def _noise(
         "false_call_probability": noise.call_probability(decision),
         "called": _false_calls(called, signal.size),
     }
+    if isinstance(curve, NoCurve):
+        return {"noise": said}
+    return {"noise": said, "decisions": [row._asdict() for row in over_decisions(curve, noise)]}
 
 
 def _other_signal_row(data: Signals, decision: float, scale: str, signal_scale: str) -> Row:

@@ -16,17 +16,18 @@ from algorithms.trust.exact_bounds import share_of
 from algorithms.trust.signal_response import SignalCurve
 from scenarios.provenance import versions
 from scenarios.report.calibration_page import Section, calibration_page
-from scenarios.report.canvas import BLACK, BLUE, GREEN, ORANGE, VERMILION, Picture, drawing, to_picture
+from scenarios.report.canvas import BLACK, BLUE, GREEN, VERMILION, Picture, drawing, to_picture
 from scenarios.report.plain_rows import text_table
 from scenarios.run_folder import run_folder
 from scenarios.trust.looks import PodQuestion, Row
 from scenarios.trust.pod import Pod, pod_of
+from scenarios.trust.signal_figures import axis_points, decision_picture, signal_picture, size_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BOUND_PODS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99, 0.995, 0.999]
-POINTS, BINS, FEWEST_A_BIN = 300, 8, 5
+BINS, FEWEST_A_BIN = 8, 5
 FOOTER = (
     "Sizes and signals in the table's own units. Bounds come from likelihood-ratio regions. After MIL-HDBK-1823A; one "
     "target is worth one look."
@@ -63,7 +64,7 @@ def json_figures(pod: Pod) -> Row:
 
 
 def curve_rows(pod: Pod) -> list[Row]:
-    """The curve over sizes, with its one-sided 95 % lower bound, smooth between the PODs of `BOUND_PODS`, where it is exact."""
+    """The curve over sizes, with its one-sided 95 % lower bound: exact at `BOUND_PODS`, smooth between them."""
     if isinstance(pod.curve, NoCurve):
         return []
     curve = pod.curve
@@ -72,7 +73,7 @@ def curve_rows(pod: Pod) -> list[Row]:
     ends = [float(sizes.min()), max(float(sizes.max()), (pod.figures["a90"] or 0.0) * 1.1)]
     x = axis_points(ends[0], ends[1], curve.scale)
     at_any_size = max((level for size, level in bound if size <= 0), default=0.0)
-    lower = np.full(POINTS, at_any_size)
+    lower = np.full(x.size, at_any_size)
     if rising := [(size, level) for size, level in bound if size > 0]:
         place, level = np.array(rising).T
         # over normal deviates the curve is straighter
@@ -171,7 +172,8 @@ def page(file: Path, pod: Pod, rows: list[Row]) -> str:
     """The page: the curve, the figures, the other models, and what is weak."""
     pictures = [_curve_picture(pod, rows)] if rows else []
     if isinstance(pod.curve, SignalCurve):
-        pictures.insert(0, _signal_picture(pod))
+        pictures.insert(0, signal_picture(pod.curve))
+        pictures += [decision_picture(pod)] if pod.figures.get("decisions") else []
     columns = _other_columns(pod)
     others = [list(columns.values()), *([_cell(row.get(key)) for key in columns] for row in pod.others)]
     sections = [
@@ -212,11 +214,11 @@ def _curve_picture(pod: Pod, rows: list[Row]) -> Picture:
         for at, name, color, style in ((a90, "a90", BLACK, "-"), (bound, "a90/95", VERMILION, "--")):
             if at is not None and at <= size.max():
                 axes.plot([at, at], [0, POD], color=color, linestyle=style, label=f"{name} = {at:.4g}")
-        _axis(axes, pod)
+        size_axis(axes, pod.curve.scale)
         axes.set_ylim(-0.03, 1.03)
         axes.set_ylabel("probability of detection")
         axes.set_title("Probability of detection over size")
-        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.88))
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
         return to_picture(
             figure,
             "Probability of detection over size with its lower bound",
@@ -251,51 +253,3 @@ def _bins(axes: Axes, pod: Pod) -> None:
             capsize=2,
             label=label,
         )
-
-
-def _signal_picture(pod: Pod) -> Picture:
-    """Signals over size with the line, its scatter and the decision."""
-    curve: SignalCurve = pod.curve
-    data = curve.data
-    x = axis_points(float(data.size.min()), float(data.size.max()), curve.scale)
-    size = to_size_array(x, curve.scale)
-    line = curve.intercept + curve.slope * x
-    with drawing(4.4) as figure:
-        axes = figure.subplots()
-        exact = ~(data.below | data.above)
-        axes.plot(data.size[exact], data.signal[exact], "o", color=BLACK, markersize=3, label="signal")
-        axes.plot(data.size[data.below], data.signal[data.below], "v", color=ORANGE, label="at most (under left limit)")
-        axes.plot(data.size[data.above], data.signal[data.above], "^", color=GREEN, label="at least (over right limit)")
-        axes.plot(size, to_size_array(line, curve.signal_scale), color=BLUE, label="likeliest line")
-        for sign in (-1, 1):
-            edge = to_size_array(line + sign * 1.96 * curve.tau, curve.signal_scale)
-            axes.plot(size, edge, color=BLUE, linestyle=":", label="holds 95 % of signals" if sign > 0 else None)
-        axes.axhline(curve.decision, color=VERMILION, linestyle="--", label=f"decision {curve.decision:g}")
-        _axis(axes, pod)
-        if curve.signal_scale == "log":
-            axes.set_yscale("log")
-        axes.set_ylabel("signal")
-        axes.set_title("Signal over size")
-        axes.legend(loc="upper left")
-        return to_picture(figure, "Signals over size with the fitted line", "What the curve below is made of.")
-
-
-def axis_points(first: float, last: float, scale: str) -> np.ndarray:
-    """Evenly spaced places on a curve's axis, from one size to another."""
-    return np.linspace(float(to_x(first, scale)), float(to_x(last, scale)), POINTS)
-
-
-def to_size_array(x: np.ndarray, scale: str) -> np.ndarray:
-    """An axis' values as sizes or signals."""
-    return np.exp(x) if scale == "log" else x
-
-
-def _axis(axes: Axes, pod: Pod) -> None:
-    if pod.curve.scale == "log":
-        from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
-
-        axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.xaxis.set_major_formatter(ScalarFormatter())
-        axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel(f"size ({pod.curve.scale} axis, the table's unit)")

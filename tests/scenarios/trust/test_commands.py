@@ -91,6 +91,10 @@ def test_the_handbooks_files_are_read_as_they_are(shared):
     signals = pod_of(folder / "example1_ahat.csv", ask(**given))
     assert signals.figures["a90_95"][2]["size"] == pytest.approx(13.68, abs=5e-3)
     assert signals.figures["noise"]["quantiles"]["99.9 %"] == pytest.approx(264.6, abs=0.05)
+    at = min(signals.figures["decisions"], key=lambda row: abs(row["decision"] - 200))
+    assert at["a90"] == pytest.approx(signals.figures["a90"], rel=0.02)
+    for name, sign in (("a90", 1), ("a90_95", 1), ("false_call_probability", -1)):
+        assert np.all(sign * np.diff([row[name] for row in signals.figures["decisions"]]) > 0)
     assert (signals.figures["at_most_left"], signals.figures["at_least_right"]) == (3, 1)
     with pytest.raises(BadInput, match=r":1: column 'VERIFIED' stands there 3 times; give a number: 4, 8, 12"):
         pod_of(folder / "example5_hitmiss_repeated.csv", ask(size="2", hit=("VERIFIED",)))
