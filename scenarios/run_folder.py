@@ -26,7 +26,17 @@ PAPER_PARTS = {
     "fig12.json",
     "fig12.csv",
 }
-PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS
+TRUST_PARTS = {
+    "pod.json",
+    "curve.csv",
+    "gauge.json",
+    "table3.json",
+    "table3.csv",
+    "fig16.json",
+    "fig16.csv",
+    "fig16.png",
+}
+PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS | TRUST_PARTS
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
