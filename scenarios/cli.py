@@ -15,6 +15,7 @@ from scenarios import calibrate_commands
 from scenarios.bench.commands import app as bench_commands
 from scenarios.paper.commands import app as paper_commands
 from scenarios.study import commands as study_commands
+from scenarios.trust import commands as trust_commands
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
@@ -193,6 +194,7 @@ def doctor(as_json: AsJson = False) -> None:
         raise typer.Exit(FAILED)
 
 
+trust_commands.register(app)
 study_commands.register(app)
 
 

@@ -74,5 +74,25 @@ def fig11(seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, 
     print(f"picture: {out / 'fig11.png'}")
 
 
+@app.command()
+def table3(out: OutFolder = None, as_json: AsJson = False) -> None:
+    """Table 3: the uncertainty that Eq. 31 gives on the paper's own Table 2, beside what it prints."""
+    from scenarios.paper.table3 import run_table3, words
+
+    out = out or Path("paper") / "table3"
+    rows = run_table3(out)
+    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\nrows: {out / 'table3.csv'}")
+
+
+@app.command()
+def fig16(out: OutFolder = None, as_json: AsJson = False) -> None:
+    """Figure 16: uncertainty over the number of scans, from all subsets of Table 2's six scans."""
+    from scenarios.paper.fig16 import run_fig16, words
+
+    out = out or Path("paper") / "fig16"
+    rows = run_fig16(out)
+    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\npicture: {out / 'fig16.png'}")
+
+
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

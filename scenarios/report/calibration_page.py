@@ -19,7 +19,12 @@ class Section(NamedTuple):
     pictures: Sequence[Picture] = ()
 
 
-def calibration_page(title: str, lead: str, verdict: str, good: bool, sections: Sequence[Section]) -> str:
+FOOTER = "Lengths in millimetres, angles in degrees, pixel centres at integers."
+
+
+def calibration_page(
+    title: str, lead: str, verdict: str, good: bool, sections: Sequence[Section], footer: str = FOOTER
+) -> str:
     """The whole page."""
     body = "".join(_section(section) for section in sections)
     return page_html(
@@ -28,7 +33,7 @@ def calibration_page(title: str, lead: str, verdict: str, good: bool, sections: 
 <p class="lead">{escape(lead)}</p>
 <p class="verdict {"clean" if good else "faulty"}">{escape(verdict)}</p>""",
         body,
-        """Lengths in millimetres, angles in degrees, pixel centres at integers.""",
+        escape(footer),
     )
 
 

@@ -8,32 +8,34 @@ import numpy as np
 import pytest
 
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
+from scenarios.paper.printed import (
+    DIMENSIONS,
+    TABLE_2_ERR_PCT,
+    TABLE_2_ERROR_PCT,
+    TABLE_2_MM,
+    TABLE_3_STANDARD_MM,
+    TRUE_SIZE_MM,
+)
 
-# Table 2 of the paper: length, width, depth in mm; Eqs 29 and 30 in percent, as printed there
-TABLE_2 = {
-    "length": [67.2, 72.3, 67.7, 71.3, 76.6, 66.1],
-    "width": [34.2, 35.7, 33.1, 31.3, 35.2, 32.6],
-    "depth": [5.7, 8.6, 9.4, 4.7, 5.6, 4.8],
-    "err": [2.3, 1.9, 3.2, 5.4, 4.7, 4.4],
-    "error": [8.2, 5.1, 8.7, 12.9, 9.0, 12.4],
-}
-TRUE = (70.0, 35.0, 7.5)
+TRUE = tuple(TRUE_SIZE_MM[name] for name in DIMENSIONS)
 
 
 @pytest.mark.parametrize("test", range(6))
 def test_table_2_of_the_paper(test):
-    size = [TABLE_2[name][test] for name in ("length", "width", "depth")]
-    assert err_pct(size[0], size[1], TRUE[0], TRUE[1]) == pytest.approx(TABLE_2["err"][test], abs=0.051)
+    size = [float(TABLE_2_MM[name][test]) for name in DIMENSIONS]
+    assert err_pct(size[0], size[1], TRUE[0], TRUE[1]) == pytest.approx(TABLE_2_ERR_PCT[test], abs=0.051)
     # sizes printed to 0.1 mm leave 0.2 percentage points of Eq. 30 open (0.05 / 7.5 / 3), the worst here is 0.06
-    assert error_pct(np.array(size), np.array(TRUE)) == pytest.approx(TABLE_2["error"][test], abs=0.06)
+    assert error_pct(np.array(size), np.array(TRUE)) == pytest.approx(TABLE_2_ERROR_PCT[test], abs=0.06)
 
 
-def test_the_published_answers_are_the_ones_above(shared):
+def test_the_published_answers_are_the_typed_ones(shared):
     answers = json.loads((shared / "reference" / "answers.json").read_text())["paper_table2"]
-    for name in ("length", "width", "depth"):
-        assert answers[name] == TABLE_2[name]
-    assert answers["Err_pct"] == TABLE_2["err"]
-    assert answers["Error_pct"] == TABLE_2["error"]
+    for name in DIMENSIONS:
+        assert answers[name] == TABLE_2_MM[name].tolist()
+    assert answers["truth"] == list(TRUE)
+    assert answers["Err_pct"] == list(TABLE_2_ERR_PCT)
+    assert answers["Error_pct"] == list(TABLE_2_ERROR_PCT)
+    assert answers["table3_published_u"] == [TABLE_3_STANDARD_MM[name] for name in DIMENSIONS]
 
 
 def test_depth_quality_of_table_4():

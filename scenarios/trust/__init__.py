@@ -1,0 +1,1 @@
+"""Statements of trust from tables that a person has: detection, gauge studies."""
