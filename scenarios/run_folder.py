@@ -17,6 +17,7 @@ MARK = "run.json"  # the last file of a run; a folder without it is not ours to 
 RUN_PARTS = {"scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html"}
 BENCH_PARTS = {"rows.csv", "pairs.csv", "frames.csv", "report.html", "artefacts.json", "artefacts.csv"}
 PAPER_PARTS = {"scenario.yaml", "table1.json", "table1.csv", "fig5.png", "fig5.json", "fig11.png"}
+FIG7_PARTS = {"log.csv", "poses.csv", "fig7.yaml", "fig7-imu.html"}
 TRUST_PARTS = {
     "pod.json",
     "curve.csv",
@@ -27,7 +28,7 @@ TRUST_PARTS = {
     "fig16.csv",
     "fig16.png",
 }
-PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS | TRUST_PARTS
+PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS | FIG7_PARTS | TRUST_PARTS
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
