@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from numba import njit
 
 from algorithms.decode import decode
-from algorithms.localisation.odometry import Odometry, advance, launch, predict, settle
+from algorithms.hindsight import ahead_mm, moved_results, moves, straightened
+from algorithms.localisation import ESTIMATORS, Estimator
 from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
 from algorithms.registration.fusion import covariance
@@ -39,7 +42,8 @@ class State:
     method: Method
     builder: MapBuilder
     wall: Wall
-    odometry: Odometry | None = None
+    where: Any = None
+    """The localisation's own state; None before the first frame."""
     results: list[FrameResult] = field(default_factory=list)
 
 
@@ -74,19 +78,27 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
 
 
 def register(state: State, frame: Frame, points: RingPoints) -> Alignment:
-    """One frame's pose: predicted by odometry and IMU, then aligned."""
-    registration = REGISTRATIONS[state.method.registration.kind]
-    if state.odometry is None:
-        state.odometry = _launched(state, frame, points)
+    """One frame's pose: predicted by wheels and IMU, then aligned."""
+    registration, estimator = REGISTRATIONS[state.method.registration.kind], estimator_of(state.method)
+    if state.where is None:
+        state.where = _launched(state, frame, points)
     else:
-        state.odometry = advance(state.odometry, frame, state.rig, state.method.localisation)
-    prior = predict(state.odometry, frame, state.rig, state.method.localisation)
+        state.where = estimator.advance(state.where, frame, state.rig, state.method.localisation)
+    prior = estimator.predict(state.where)
     alignment = registration.align(points, state.wall, prior, state.method.registration)
+    alignment = replace(alignment, evidence=alignment.information - prior.information * alignment.converged)
     if alignment.converged:
-        state.odometry = settle(state.odometry, alignment)
+        if estimator.look:
+            state.where, alignment = estimator.look(state.where, points, alignment, state.method.localisation)
+        state.where = estimator.settle(state.where, alignment)
         if registration.grow:
             registration.grow(state.wall.seen, points, alignment)
     return alignment
+
+
+def estimator_of(method: Method) -> Estimator:
+    """The estimator of a method."""
+    return ESTIMATORS[method.localisation.kind]
 
 
 def decode_yield(points: RingPoints, state: State) -> float:
@@ -108,14 +120,16 @@ def share_of_places(pixel, slit, middle_px, slits, azimuths):
     return np.count_nonzero(seen) / seen.size
 
 
-def _launched(state: State, frame: Frame, points: RingPoints) -> Odometry:
+def _launched(state: State, frame: Frame, points: RingPoints) -> Any:
     """Roll by gravity about the pipe's axis, which the first fit gives."""
     settings, align = state.method.localisation, REGISTRATIONS[state.method.registration.kind].align
-    level = launch(frame, state.rig, state.pipe.launch_mm, FORWARD, settings)
-    first = align(points, state.wall, predict(level, frame, state.rig, settings), state.method.registration)
+    estimator = estimator_of(state.method)
+    level = estimator.launch(frame, state.rig, state.pipe.launch_mm, FORWARD, settings)
+    prior = estimator.predict(level)
+    first = align(points, state.wall, prior, state.method.registration)
     if not first.converged:
         return level
-    return launch(frame, state.rig, state.pipe.launch_mm, first.T_pipe_camera[2, :3].copy(), settings)
+    return estimator.launch(frame, state.rig, state.pipe.launch_mm, first.T_pipe_camera[2, :3].copy(), settings)
 
 
 _NOTHING = RingPoints(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
@@ -128,11 +142,13 @@ def finish(state: State) -> Reconstruction:
         ReconstructionFailed: when no frame could be registered, with the commonest reason.
     """
     path, wall = mapped(state)
-    return sized(path, wall, state.rig, state.pipe, state.method)
+    found = sized(path, wall, state.rig, state.pipe, state.method)
+    estimator = estimator_of(state.method)
+    return replace(found, episodes=estimator.episodes(state.where)) if estimator.episodes else found
 
 
 def mapped(state: State) -> tuple[Trajectory, WallMap]:
-    """Close the map.
+    """Close the map; an estimator that looks back then moves poses and map together.
 
     Raises:
         ReconstructionFailed: when no frame could be registered, with the commonest reason.
@@ -143,7 +159,12 @@ def mapped(state: State) -> tuple[Trajectory, WallMap]:
     wall = finish_map(state.builder)
     if not wall.seen.any():
         raise ReconstructionFailed("no point lies where a wall can be; check the nominal pipe and the rig")
-    return trajectory(state.results), wall
+    look_back = estimator_of(state.method).look_back
+    if look_back is None:
+        return trajectory(state.results), wall
+    seen, path = look_back(state.where), trajectory(state.results)
+    wall = straightened(wall, path.T_pipe_camera[:, 2, 3], moves(state.results, seen), ahead_mm(state.rig, state.pipe))
+    return trajectory(moved_results(state.results, seen)), wall
 
 
 def sized(path: Trajectory, wall: WallMap, rig: Rig, pipe: NominalPipe, method: Method) -> Reconstruction:
@@ -163,11 +184,19 @@ def trajectory(results: list[FrameResult]) -> Trajectory:
         stamp_ns=np.array([result.stamp_ns for result in results], dtype=np.int64),
         T_pipe_camera=np.array([a.T_pipe_camera for a in alignments]),
         covariance=np.array([covariance(a.information) for a in alignments]),
+        axis_std=np.array([axis_std(a) for a in alignments]),
         registered=np.array([a.converged for a in alignments]),
         radius_mm=np.array([a.radius_mm for a in alignments]),
         decode_yield=np.array([result.decode_yield for result in results]),
         reason=tuple(a.reason for a in alignments),
     )
+
+
+def axis_std(alignment: Alignment) -> Float[np.ndarray, "6"]:
+    """How well a frame's own picture fixes each axis; infinite where it shows nothing, as along a bare wall."""
+    if alignment.evidence is None or not alignment.converged:
+        return np.full(6, np.inf)
+    return np.sqrt(np.diag(covariance(alignment.evidence)))
 
 
 def reconstruct(recording: Iterable[Frame], rig: Rig, pipe: NominalPipe, method: Method) -> Reconstruction:

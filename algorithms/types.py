@@ -54,6 +54,8 @@ class Alignment:
     reason: str = ""
     radius_mm: float = float("nan")
     noise_scale: float = float("nan")
+    evidence: Matrix6 | None = None
+    """The part of the information that this frame's own picture brought; None where nobody asked."""
 
     @property
     def verdict(self) -> Literal["good", "weak", "failed"]:
@@ -129,12 +131,40 @@ class FrameResult:
 
 
 @dataclass(frozen=True)
+class Episode:
+    """A stretch of the log that was not as it should be: who (a wheel, a sensor), from when to when, by how much.
+
+    The `amount` of a slip is the mm that the rim went more than the robot; of a gap, the seconds without a sample.
+    """
+
+    kind: Literal["slip", "gap"]
+    who: str
+    start_ns: int
+    end_ns: int
+    amount: float
+
+
+@dataclass(frozen=True)
+class LookedBack:
+    """The path as it seems once the log has ended, a row a frame: distance (mm) and roll (rad), with covariance."""
+
+    z_mm: Float[np.ndarray, "frames"]
+    roll_rad: Float[np.ndarray, "frames"]
+    covariance: Float[np.ndarray, "frames 2 2"]
+
+
+@dataclass(frozen=True)
 class Trajectory:
-    """The camera's path, one row a frame; `registered` is false where the pose is only predicted."""
+    """The camera's path, one row a frame; `registered` is false where the pose is only predicted.
+
+    `axis_std` is how well each frame's own picture fixes each axis (tx ty tz rx ry rz, mm and rad), without odometry,
+    IMU and memory: infinite along an axis that it does not show.
+    """
 
     stamp_ns: Int[np.ndarray, "frames"]
     T_pipe_camera: Float[np.ndarray, "frames 4 4"]
     covariance: Float[np.ndarray, "frames 6 6"]
+    axis_std: Float[np.ndarray, "frames 6"]
     registered: Bool[np.ndarray, "frames"]
     radius_mm: Float[np.ndarray, "frames"]
     decode_yield: Float[np.ndarray, "frames"]
@@ -151,3 +181,4 @@ class Reconstruction:
     noise_mm: Float[np.ndarray, "around along"]
     threshold_mm: Float[np.ndarray, "around along"]
     defects: tuple[Defect, ...]
+    episodes: tuple[Episode, ...] = ()

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+import twin.drives.robot as robot_drive
 from twin.drives.robot import STEP_S, RobotDrive, simulate_motion, truth_of
 from twin.features.pocket import Pocket
 from twin.pipe import Pipe
@@ -38,11 +39,43 @@ def kernel_us(scene: Pipe, robot: Robot) -> float:
     return (time.perf_counter() - begin) / 2000 * 1e6
 
 
+def step_us(scene: Pipe) -> float:
+    """Median time of a step of a short drive, wheels, contacts and log together, microseconds."""
+    times: list[float] = []
+    step = robot_drive.step
+
+    def timed(*args: object) -> None:
+        step(*args)
+        times.append(time.perf_counter())
+
+    robot_drive.step = timed
+    try:
+        simulate_motion(scene, Robot(), RobotDrive(end_mm=300.0), np.random.default_rng(0))
+    finally:
+        robot_drive.step = step
+    return float(np.median(np.diff(times[2000:]))) * 1e6
+
+
+def by_length() -> None:
+    """The same drive past the same pockets in a short pipe and in a long one with many more."""
+    print(f"{'pipe':<30} {'us/step':>8} {'x real, one core':>17}")
+    for metres in (1, 10, 50):
+        pockets = [
+            Pocket(distance_mm=250.0 * k + 200, clock_deg="4:00", depth_mm=4, length_mm=40, width_mm=30)
+            for k in range(4 * metres)
+        ]
+        end_mm = max(1000.0 * metres, 900.0)
+        scene = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, end_mm=end_mm, features=tuple(pockets))
+        spent = min(step_us(scene) for _ in range(3))
+        print(f"{f'{metres} m, {len(pockets)} pockets':<30} {spent:8.1f} {1e6 * STEP_S / spent:17.1f}")
+
+
 def main() -> None:
     """Print one line a scene; run it on an idle machine."""
     robot = Robot()
     simulate_motion(pipe("4:00"), robot, RobotDrive(end_mm=5.0), np.random.default_rng(0))  # compiles
     print(f"contact kernel, 8 wheels: {kernel_us(pipe(None), robot):.0f} us")
+    by_length()
     columns = f"{'us/step':>8} {'x real':>7} {'rolled/travel':>14} {'sag mm':>7} {'tilt deg':>9} {'roll deg':>9}"
     print(f"{'scene':<16} {columns}")
     for name, clock in SCENES.items():

@@ -13,7 +13,7 @@ from sensor_model.sense import Sensing
 from sensor_model.settings import Settings
 from twin.drives import AnyDrive
 from twin.pipe import Pipe
-from twin.robot import Robot
+from twin.robot import SIZES, Robot
 
 PRESET = "endoscope"
 
@@ -29,9 +29,22 @@ AnyRig = Annotated[Rig, BeforeValidator(_on_preset, json_schema_input_type=str |
 _RIG: TypeAdapter[Rig] = TypeAdapter(AnyRig)
 
 
+def _of_size(value: Any) -> Any:
+    """A robot by the size it is built for, or by what differs from the 6 inch one."""
+    if isinstance(value, str):
+        if value not in SIZES:
+            raise ValueError(f"no robot is called {value!r}; there are {', '.join(SIZES)}")
+        return SIZES[value]
+    return value
+
+
+AnyRobot = Annotated[Robot, BeforeValidator(_of_size, json_schema_input_type=str | dict[str, Any])]
+
+
 class Scenario(Settings):
     """Pipe, robot, drive, rig, sensing, method, seed.
 
+    `robot` is the size it is built for (4-inch, 6-inch, 8-inch), or what differs from the 6 inch one.
     `rig` is the nominal one, which goes with the recording and which the measurement believes: a name, or what differs
     from the preset. `true_rig` states only what really is different (a calibration error); the rest is as in `rig`.
     `nominal_pipe` is what the operator writes down of the pipe; left out, it is the pipe without its features and
@@ -41,7 +54,7 @@ class Scenario(Settings):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
     why: Annotated[str, Field(max_length=400)]
     pipe: Pipe
-    robot: Robot = Robot()
+    robot: AnyRobot = Robot()
     drive: AnyDrive
     nominal_pipe: NominalPipe | None = None
     rig: AnyRig = preset_rig(PRESET)

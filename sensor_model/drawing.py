@@ -358,7 +358,7 @@ def _wanted(pipe: Pipe, z_from: float, z_to: float) -> set[tuple[str, int]]:
     """Names of the chunks of bore and of the features between two distances."""
     first = max(int((z_from - pipe.start_mm) // CHUNK_MM), 0)
     last = min(int((z_to - pipe.start_mm) // CHUNK_MM), int(np.ceil(pipe.length_mm / CHUNK_MM)) - 1)
-    boxes = [(index, feature_box(pipe, index)) for index in range(len(pipe.features))]
+    boxes = [(index, feature_box(pipe, index)) for index in range(len(pipe.wall.codes))]
     features = {("feature", index) for index, box in boxes if box.z_from_mm <= z_to and box.z_to_mm >= z_from}
     return {("bore", chunk) for chunk in range(first, last + 1)} | features
 

@@ -13,6 +13,8 @@ from pydantic import Field, model_validator
 from sensor_model.settings import ClockDeg, Settings
 from twin.features import CODES, AnyFeature, feature_depth_mm
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z, ROW_LENGTH
+from twin.joints import DEBRIS, JOINT, TAPER, Debris, Joint, Taper, obstacle_depth_mm
+from twin.surfaces import Surface
 
 INCH_MM = 25.4
 
@@ -62,7 +64,9 @@ class Pipe(Settings):
     """A straight pipe along z with what is carved into its wall.
 
     Its bore comes from a `standard` or from `inner_radius_mm` and `wall_thickness_mm`. A feature that takes the whole
-    wall shows its opaque backing when `backed`, and is a hole that returns no light when not.
+    wall shows its opaque backing when `backed`, and is a hole that returns no light when not. `joints`, `debris`
+    and `tapers` are part of the wall that wheels and light meet, but no defects of it; what is nominal is the bore
+    before all tapers. `surfaces` change the wheels' grip alone.
     """
 
     standard: Standard | None = None
@@ -75,6 +79,10 @@ class Pipe(Settings):
     inclination_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
     backed: bool = True
     features: tuple[AnyFeature, ...] = Field(default=(), max_length=10_000)
+    joints: tuple[Joint, ...] = Field(default=(), max_length=10_000)
+    debris: tuple[Debris, ...] = Field(default=(), max_length=10_000)
+    tapers: tuple[Taper, ...] = Field(default=(), max_length=20)
+    surfaces: tuple[Surface, ...] = Field(default=(), max_length=10_000)
 
     @model_validator(mode="after")
     def _bore_is_stated_once(self) -> Pipe:
@@ -83,6 +91,12 @@ class Pipe(Settings):
             raise ValueError("give either standard, or both inner_radius_mm and wall_thickness_mm")
         if self.end_mm <= self.start_mm:
             raise ValueError(f"end_mm must lie beyond start_mm, {self.start_mm}")
+        return self
+
+    @model_validator(mode="after")
+    def _is_open(self) -> Pipe:
+        if self.wall.smallest_radius <= 0:
+            raise ValueError(f"joints, debris and tapers leave no bore of {self.bore_radius_mm:g} mm radius open")
         return self
 
     @cached_property
@@ -115,11 +129,20 @@ class Pipe(Settings):
     @cached_property
     def wall(self) -> Wall:
         """The pipe as `wall_radius_mm` and other compiled code read it."""
-        rows = np.array([feature.row() for feature in self.features]).reshape(-1, ROW_LENGTH)
-        codes = np.array([CODES[feature.kind] for feature in self.features], dtype=np.int64)
+        changes = [taper.row(self.end_mm) for taper in self.tapers]
+        rows = np.array([part.row() for part in (*self.features, *self.joints, *self.debris)] + changes)
+        of_features = [CODES[feature.kind] for feature in self.features]
+        of_others = [JOINT] * len(self.joints) + [DEBRIS] * len(self.debris) + [TAPER] * len(self.tapers)
+        codes = np.array(of_features + of_others, dtype=np.int64)
         phase = float(np.radians(self.ovality_clock_deg))
         bore, ovality = self.bore_radius_mm, self.ovality_pct / 200
-        return Wall(bore, bore * (1 - ovality), self.outer_radius_mm, ovality, phase, codes, rows)
+        bead = max((joint.bead_height_mm for joint in self.joints), default=0.0)
+        lump = max((lump.height_mm for lump in self.debris), default=0.0)
+        # as if all that narrows were in one place, and all that widens
+        narrowed = bead + lump - sum(min(taper.radius_change_mm, 0.0) for taper in self.tapers)
+        widened = sum(max(taper.radius_change_mm, 0.0) for taper in self.tapers)
+        smallest, outer = bore * (1 - ovality) - narrowed, self.outer_radius_mm + widened
+        return Wall(bore, smallest, outer, ovality, phase, codes, rows.reshape(-1, ROW_LENGTH))
 
     def radius(self, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Float[np.ndarray, "*batch"]:
         """Distance from the axis to the wall: THE definition of this pipe, mm; arguments broadcast."""
@@ -140,7 +163,7 @@ def wall_radius_mm(wall, theta, z):
     bore = wall.inner_radius
     if wall.ovality != 0.0:
         bore *= 1.0 + wall.ovality * np.cos(2.0 * (theta - wall.ovality_phase))
-    depth = 0.0
+    depth, obstacle = 0.0, 0.0
     for i in range(wall.codes.size):
         dz = z - wall.rows[i, CENTER_Z]
         if abs(dz) > wall.rows[i, HALF_BOX_Z]:
@@ -149,8 +172,11 @@ def wall_radius_mm(wall, theta, z):
         arc = wall.inner_radius * (turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
         if abs(arc) > wall.rows[i, HALF_BOX_ARC]:
             continue
-        depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, wall.rows[i], wall.inner_radius))
-    return min(bore + depth, wall.outer_radius)
+        if wall.codes[i] < 0:
+            obstacle += obstacle_depth_mm(wall.codes[i], dz, arc, wall.rows[i])
+        else:
+            depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, wall.rows[i], wall.inner_radius))
+    return min(bore + depth + obstacle, wall.outer_radius)
 
 
 @njit(cache=True, error_model="numpy")

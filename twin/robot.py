@@ -39,6 +39,8 @@ class Robot(Settings):
     # wheels on stiff legs are over-constrained: from about 0.01 mm some lift off now and then.
     roller_ripple_mm: Annotated[float, Field(ge=0, le=0.5)] = 0.005
     roller_count: Annotated[int, Field(ge=3, le=40)] = 10
+    # How fast a leg's second wheel follows its first; 20 ms is a slack belt, which gives 2 mm at the rim for 1 N.
+    belt_ms: Annotated[float, Field(ge=2, le=100)] = 20.0
     wheel_friction: Positive = 0.6
     # A roller's low friction still slides and steals grip from the driven direction: keep it tiny.
     roller_friction: Annotated[float, Field(gt=0, le=0.003)] = 0.001
@@ -62,7 +64,18 @@ class Robot(Settings):
 
     motor_torque_limit_n_mm: Positive = 300.0
     motor_inertia_kg_mm2: Positive = 300.0  # the rotor's, seen through the 603:1 gear
+    motor_friction_n_mm: NotNegative = 0.0  # at the wheel's shaft
+    # A motor's torque falls with its speed, from its limit at rest to nothing at the no-load speed of a full battery;
+    # left out, it does not. `supply_pct` is what is left of the battery's voltage.
+    motor_no_load_turns_s: Positive | None = None
+    supply_pct: Annotated[float, Field(gt=0, le=120)] = 100.0
     motor_servo_hz: Annotated[float, Field(gt=0, le=40)] = 15.0
+
+    # What is wrong with this one robot, leg by leg; left out, nothing is. The motors go by the sizes that should be.
+    wheel_diameter_error_pct: tuple[Annotated[float, Field(ge=-20, le=20)], ...] = ()
+    leg_preload_error_pct: tuple[Annotated[float, Field(ge=-90, le=200)], ...] = ()
+    wheel_steer_deg: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    end_wheel_steer_deg: Annotated[float, Field(ge=-10, le=10)] = 0.0
 
     # What each robot is built to, as standard deviations; a zero switches its draw off.
     preload_tolerance_pct: NotNegative = 3.0
@@ -76,7 +89,15 @@ class Robot(Settings):
             raise ValueError(f"between chassis and wall is room for a wheel of less than {room} mm radius")
         if self.wheel_spacing_mm < 2 * self.wheel_radius_mm:
             raise ValueError("wheel_spacing_mm must be at least two wheel radii")
+        for name in ("wheel_diameter_error_pct", "leg_preload_error_pct"):
+            if len(getattr(self, name)) not in (0, self.leg_count):
+                raise ValueError(f"{name} must have a number for each of {self.leg_count} legs, or none")
         return self
+
+    @property
+    def leg_wheel_radius_mm(self) -> Float[np.ndarray, "legs"]:
+        """What each leg's wheels really measure."""
+        return self.wheel_radius_mm * (1 + np.array(self.wheel_diameter_error_pct or [0.0] * self.leg_count) / 100)
 
     @property
     def leg_clock_rad(self) -> Float[np.ndarray, "legs"]:
@@ -102,10 +123,58 @@ class Build(Settings):
 def draw_build(robot: Robot, rng: np.random.Generator) -> Build:
     """One robot within its tolerances: normal draws, wheels in the order of `robot_model.wheel_names`."""
     preload = robot.leg_preload_n * (1 + robot.preload_tolerance_pct / 100 * rng.standard_normal(robot.leg_count))
-    toe = robot.wheel_toe_tolerance_deg * rng.standard_normal(2 * robot.leg_count)
-    skew = robot.end_wheel_skew_tolerance_deg * rng.standard_normal(2)
+    preload = preload * (1 + np.array(robot.leg_preload_error_pct or [0.0] * robot.leg_count) / 100)
+    toe = robot.wheel_steer_deg + robot.wheel_toe_tolerance_deg * rng.standard_normal(2 * robot.leg_count)
+    skew = robot.end_wheel_steer_deg + robot.end_wheel_skew_tolerance_deg * rng.standard_normal(2)
     return Build(
         preload_n=tuple(preload),
         askew_rad=tuple(np.radians(np.concatenate([toe, skew]))),
         roller_phase_rad=tuple(rng.uniform(0, 2 * np.pi, 2 * robot.leg_count)),
     )
+
+
+SIZES = {
+    "4-inch": Robot(
+        bore_radius_mm=51.1,
+        leg_preload_n=8.0,
+        wheel_radius_mm=12.0,
+        wheel_width_mm=8.0,
+        wheel_crown_radius_mm=13.0,
+        wheel_spacing_mm=60.0,
+        end_wheel_radius_mm=10.0,
+        end_wheel_ahead_mm=85.0,
+        end_wheel_preload_n=2.0,
+        chassis_radius_mm=20.0,
+        chassis_length_mm=150.0,
+        chassis_mass_kg=0.3,
+        batteries_mass_kg=0.3,
+        batteries_behind_mm=70.0,
+        camera_ahead_mm=165.0,
+        motor_torque_limit_n_mm=200.0,
+    ),
+    "6-inch": Robot(),
+    "8-inch": Robot(
+        bore_radius_mm=101.4,
+        leg_travel_mm=14.0,
+        leg_stiffness_n_m=2500.0,
+        leg_preload_n=18.0,
+        wheel_radius_mm=25.0,
+        wheel_width_mm=12.0,
+        wheel_crown_radius_mm=26.0,
+        wheel_spacing_mm=110.0,
+        wheel_mass_kg=0.04,
+        end_wheel_radius_mm=20.0,
+        end_wheel_ahead_mm=130.0,
+        end_wheel_stiffness_n_m=800.0,
+        end_wheel_preload_n=5.0,
+        chassis_radius_mm=42.0,
+        chassis_length_mm=230.0,
+        chassis_mass_kg=1.0,
+        batteries_mass_kg=0.7,
+        batteries_behind_mm=95.0,
+        camera_ahead_mm=215.0,
+        motor_torque_limit_n_mm=600.0,
+        motor_inertia_kg_mm2=600.0,
+    ),
+}
+"""Robots by the nominal size of the pipe that they are built for (Schedule 40 PVC or thick polyethylene)."""

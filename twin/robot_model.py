@@ -37,6 +37,7 @@ class RobotModel:
     """A compiled robot, where its wheels are in MuJoCo's arrays, and their shapes as `wheel_contacts` takes them."""
 
     model: Any
+    wheel_body: Int[np.ndarray, "wheels"]
     wheel_joint: Int[np.ndarray, "wheels"]
     wheel_angle: Int[np.ndarray, "wheels"]
     wheel_geom: Int[np.ndarray, "wheels"]
@@ -52,6 +53,7 @@ def build_model(pipe: Pipe, robot: Robot, build: Build) -> RobotModel:
     sensors = [model.sensor(i) for i in range(model.nsensor)]
     return RobotModel(
         model=model,
+        wheel_body=np.array([model.body(name).id for name in names]),
         wheel_joint=np.array([model.joint(name).id for name in names]),
         wheel_angle=np.array([int(model.joint(name).qposadr[0]) for name in names]),
         wheel_geom=np.array([model.geom(name).id for name in names]),
@@ -63,8 +65,9 @@ def build_model(pipe: Pipe, robot: Robot, build: Build) -> RobotModel:
 
 def wheel_shapes(robot: Robot, build: Build) -> Float[np.ndarray, "wheels 6"]:
     """Radius, crown radius, half width, roller ripple (mm), roller count and the rollers' position of every wheel."""
-    leg = (robot.wheel_radius_mm, robot.wheel_crown_radius_mm, robot.wheel_width_mm / 2)
-    rollers = [(*leg, robot.roller_ripple_mm, robot.roller_count, phase) for phase in build.roller_phase_rad]
+    rim = (robot.wheel_crown_radius_mm, robot.wheel_width_mm / 2, robot.roller_ripple_mm, robot.roller_count)
+    radii = np.repeat(robot.leg_wheel_radius_mm, 2)
+    rollers = [(radius, *rim, phase) for radius, phase in zip(radii, build.roller_phase_rad, strict=True)]
     # Hemispheres (section 3.3), so that they climb an edge that runs across their path.
     end = (robot.end_wheel_radius_mm, robot.end_wheel_radius_mm, 0.9 * robot.end_wheel_radius_mm, 0.0, 1.0, 0.0)
     return np.array([*rollers, end, end])
@@ -125,9 +128,14 @@ def _add_leg(spec: Any, chassis: Any, robot: Robot, build: Build, k: int, theta:
         wheel.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=np.cos(askew) * axle + np.sin(askew) * Z)
         _add_cylinder(wheel, name, robot.wheel_radius_mm, robot.wheel_width_mm, robot.wheel_mass_kg, axle)
     leg.bodies[0].joints[0].armature = MM**2 * robot.motor_inertia_kg_mm2
-    spec.add_equality(
+    if robot.motor_friction_n_mm > 0:
+        joint = leg.bodies[0].joints[0]
+        joint.frictionloss = MM * robot.motor_friction_n_mm
+        joint.solref_friction, joint.solimp_friction = [2 * STEP_S, 1], [0.995, 0.999, 0.001, 0.5, 2]  # or it creeps
+    belt = spec.add_equality(
         name=f"leg{k}_belt", type=mujoco.mjtEq.mjEQ_JOINT, name1=names[1], name2=names[0], data=[0, 1] + [0] * 10
     )
+    belt.solref[0] = 1e-3 * robot.belt_ms
     _add_motor(spec, robot, f"leg{k}_motor", names[0], robot.wheel_radius_mm)
 
 

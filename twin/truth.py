@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -17,12 +18,26 @@ STAMP_STEP_S = 1e-9
 
 
 @dataclass(frozen=True)
+class WheelLog:
+    """What every wheel did at its own, lower rate; wheels as `robot_model.wheel_names` has them.
+
+    Normal force on the wall, 0 in the air; slip, the speed of the rim over the wall at the contact along the rolling
+    direction, positive where the wheel spins and 0 in the air; spin, how fast the wheel turns.
+    """
+
+    time_s: Float[np.ndarray, "m"]
+    force_n: Float32[np.ndarray, "m all_wheels"]
+    slip_mm_s: Float32[np.ndarray, "m all_wheels"]
+    spin_rad_s: Float32[np.ndarray, "m all_wheels"]
+
+
+@dataclass(frozen=True)
 class Truth:
     """Motion of the camera and the wheels at the physics rate; the camera frame is the sensor's.
 
     Velocities and accelerations are those of the camera's origin in the pipe frame; gravity is not in them.
     `wheel_angle_rad` is the turn of each encoder's wheel since the start, `slip_mm_s` its rim speed over the wall less
-    the travel speed (a prescribed path has none).
+    the travel speed (a prescribed path has none); `wheels` says more of each wheel, where there are any.
     """
 
     pipe: Pipe
@@ -33,6 +48,7 @@ class Truth:
     angular_velocity_camera_rad_s: Float[np.ndarray, "n 3"]
     wheel_angle_rad: Float[np.ndarray, "n wheels"]
     slip_mm_s: Float[np.ndarray, "n wheels"]
+    wheels: WheelLog | None = None
 
     def sample_times_s(self, rate_hz: float) -> Float[np.ndarray, "m"]:
         """When a sensor of a given rate samples the drive: from its start to its end."""
@@ -54,7 +70,7 @@ class Truth:
         return transform(rotation.as_matrix(), CubicSpline(self.time_s, self.position_mm)(held_s))
 
 
-ARRAYS = [field.name for field in fields(Truth) if field.name != "pipe"]
+ARRAYS = [field.name for field in fields(Truth) if field.name not in ("pipe", "wheels")]
 
 
 def gravity_direction(pipe: Pipe) -> Float[np.ndarray, "3"]:
@@ -64,10 +80,34 @@ def gravity_direction(pipe: Pipe) -> Float[np.ndarray, "3"]:
 
 
 def save_truth(truth: Truth, folder: Path) -> None:
-    """Write `truth.npz` and `pipe.json` into a folder."""
+    """Write `truth.npz`, `wheels.npz` where there are wheels, and `pipe.json` into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(folder / "truth.npz", **{name: getattr(truth, name) for name in ARRAYS})
+    if truth.wheels is not None:
+        wheels = {field.name: getattr(truth.wheels, field.name) for field in fields(WheelLog)}
+        np.savez_compressed(folder / "wheels.npz", **wheels)
     (folder / "pipe.json").write_text(truth.pipe.model_dump_json(indent=1))
+
+
+def load_truth(folder: Path) -> Truth:
+    """Read what `save_truth` wrote.
+
+    Raises:
+        OSError: for a file that cannot be opened.
+        ValueError: for files that hold something else.
+    """
+    pipe = Pipe.model_validate_json((folder / "pipe.json").read_text())
+    wheels = folder / "wheels.npz"
+    log = WheelLog(**_arrays(wheels, [field.name for field in fields(WheelLog)])) if wheels.is_file() else None
+    return Truth(pipe=pipe, wheels=log, **_arrays(folder / "truth.npz", ARRAYS))
+
+
+def _arrays(file: Path, names: list[str]) -> dict[str, Any]:
+    with np.load(file, allow_pickle=False) as held:
+        missing = [name for name in names if name not in held]
+        if missing:
+            raise ValueError(f"{file}: {', '.join(missing)} missing")
+        return {name: held[name] for name in names}
 
 
 def from_path(

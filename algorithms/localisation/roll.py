@@ -8,9 +8,8 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
-from algorithms.localisation.upright import is_vertical, level_attitude
+from algorithms.localisation.upright import is_vertical, level_attitude, rolled_attitude
 from sensor_model.geometry import GRAVITY_M_S2, twist_about_z_rad, wrap_rad
 from sensor_model.recording import Frame
 from sensor_model.rig import Rig
@@ -76,9 +75,7 @@ def next_roll(
 
 def attitude(state: RollState, axis_camera: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """`R_pipe_camera` with the filter's roll, about the pipe's axis as the camera sees it."""
-    R = level_attitude(np.array([0.0, 1.0, 0.0]), axis_camera)
-    turn = float(state.x[0] - twist_about_z_rad(R))
-    return Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix() @ R
+    return rolled_attitude(float(state.x[0]), axis_camera)
 
 
 def _roll_by_gravity(frame: Frame, rig: Rig, axis_camera: np.ndarray) -> float:

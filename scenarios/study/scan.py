@@ -79,7 +79,8 @@ def _truth(scenario: Scenario, cache: Cache, key: str) -> Truth:
         truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
         return {name: getattr(truth, name) for name in ARRAYS}
 
-    return Truth(pipe=scenario.pipe, **cache.arrays("drive", key, make))
+    arrays: dict[str, Any] = cache.arrays("drive", key, make)
+    return Truth(pipe=scenario.pipe, **arrays)
 
 
 def _measured(scenario: Scenario, truth: Truth, cache: Cache, keys: dict[str, str]) -> dict[str, np.ndarray]:

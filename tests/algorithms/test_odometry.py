@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from algorithms.localisation.odometry import OdometrySettings, advance, launch, predict, settle
+from algorithms.localisation.paper import PaperSettings, advance, launch, predict, settle
 from algorithms.localisation.upright import level_attitude
 from sensor_model.encoders import EncoderNoise, measure_encoders
 from sensor_model.geometry import twist_about_z_rad, wrap_rad
@@ -34,14 +34,14 @@ def _recording(tmp_path, noise=NO_IMU_NOISE, wheels=(0.0, 0.0, 0.0), slope=0.0):
     return truth, Recording(tmp_path, RIG, NOMINAL, stamps, ("",) * len(stamps), *logs)
 
 
-def _walk(truth, recording, settings=OdometrySettings()):  # noqa: B008  settings are frozen
+def _walk(truth, recording, settings=PaperSettings()):  # noqa: B008  settings are frozen
     """Errors of the priors when every frame's fit is perfect: travel in mm, roll in degrees."""
     errors = []
     for i in range(len(recording)):
         frame = recording.frame(i)
         T = truth.pose_at(np.array([frame.stamp_ns / 1e9]))[0]
         odometry = launch(frame, RIG, 0.0, T[2, :3], settings) if i == 0 else advance(odometry, frame, RIG, settings)
-        prior = predict(odometry, frame, RIG, settings)
+        prior = predict(odometry)
         turn = twist_about_z_rad(prior.T_pipe_camera[:3, :3] @ T[:3, :3].T)
         errors.append((prior.T_pipe_camera[2, 3] - T[2, 3], float(np.degrees(wrap_rad(turn)))))
         odometry = settle(odometry, type(prior)(T, prior.information))
@@ -63,7 +63,7 @@ def test_the_median_shrugs_off_one_wrong_wheel(tmp_path):
 
 
 def test_the_filter_follows_a_roll_past_half_a_turn(tmp_path):
-    _, roll = _walk(*_recording(tmp_path), OdometrySettings(roll="kalman"))
+    _, roll = _walk(*_recording(tmp_path), PaperSettings(roll="kalman"))
     assert roll < 0.1
 
 
@@ -71,7 +71,7 @@ def test_the_filter_does_not_see_a_coarse_attitude_and_learns_the_bias(tmp_path)
     coarse = NO_IMU_NOISE.model_copy(update={"quaternion_rounding": 0.01, "gyroscope_bias_deg_s": 0.2})
     truth, recording = _recording(tmp_path, coarse)
     _, device = _walk(truth, recording)
-    _, filtered = _walk(truth, recording, OdometrySettings(roll="kalman"))
+    _, filtered = _walk(truth, recording, PaperSettings(roll="kalman"))
     assert filtered < 0.3 < device
 
 
@@ -89,6 +89,6 @@ def test_in_a_vertical_pipe_the_camera_is_its_own_datum():
 def test_the_prior_claims_only_travel_and_roll(tmp_path):
     truth, recording = _recording(tmp_path)
     frame = recording.frame(0)
-    odometry = launch(frame, RIG, 0.0, truth.pose_at(np.zeros(1))[0, 2, :3], OdometrySettings())
-    information = predict(odometry, frame, RIG, OdometrySettings()).information
+    odometry = launch(frame, RIG, 0.0, truth.pose_at(np.zeros(1))[0, 2, :3], PaperSettings())
+    information = predict(odometry).information
     assert np.flatnonzero(information.any(axis=0)).tolist() == [2, 5]

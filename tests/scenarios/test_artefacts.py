@@ -43,7 +43,9 @@ def _path() -> Trajectory:
     registered = np.array([True, True, True, False, True])
     stamps = np.round(np.arange(5) / 15 * 1e9).astype(np.int64)
     reason = ("", "", "", "too few points", "")
-    return Trajectory(stamps, T, np.zeros((5, 6, 6)), registered, np.full(5, BORE_MM), np.ones(5), reason)
+    return Trajectory(
+        stamps, T, np.zeros((5, 6, 6)), np.ones((5, 6)), registered, np.full(5, BORE_MM), np.ones(5), reason
+    )
 
 
 def _reconstruction(unseen=(UNSEEN,), defects=DEFECTS) -> Reconstruction:

@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from twin.drives import DRIVES, AnyDrive
 from twin.drives.gantry import GantryDrive, Stage
-from twin.drives.robot import RobotDrive, RollStage
+from twin.drives.motors import RollStage
+from twin.drives.robot import RobotDrive
 from twin.pipe import Pipe
 from twin.robot import Robot
 from twin.simulate import simulate
-from twin.truth import ARRAYS, Truth
+from twin.truth import ARRAYS, Truth, WheelLog
 
 PIPE = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
 ROBOT = Robot()
@@ -108,9 +109,12 @@ def test_encoders_turn_forward_with_travel(truth):
 
 def test_same_seed_same_bytes(truth, settings):
     again = simulate(PIPE, ROBOT, settings, np.random.default_rng(3))
-    for field in fields(Truth):
-        if field.name != "pipe":
-            assert getattr(again, field.name).tobytes() == getattr(truth, field.name).tobytes()
+    for name in ARRAYS:
+        assert getattr(again, name).tobytes() == getattr(truth, name).tobytes()
+    assert (truth.wheels is None) == (again.wheels is None) == (settings.kind == "gantry")
+    if truth.wheels is not None:
+        for field in fields(WheelLog):
+            assert getattr(again.wheels, field.name).tobytes() == getattr(truth.wheels, field.name).tobytes()
 
 
 @pytest.mark.parametrize(

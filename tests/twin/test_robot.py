@@ -8,10 +8,10 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from sensor_model.geometry import wall_direction
+from twin.drives.motors import RollStage
 from twin.drives.robot import (
     STEP_S,
     RobotDrive,
-    RollStage,
     _place,
     _settle,
     simulate_motion,
@@ -23,7 +23,7 @@ from twin.pipe import Pipe
 from twin.robot import Robot, draw_build
 from twin.robot_model import MM, WALL, build_model, motor_names, robot_spec, wheel_names
 from twin.simulate import DriveFailed, simulate
-from twin.wheel_contact import SOLIMP, SOLREF, WallContacts, wheel_contacts
+from twin.wheel_contact import SOLIMP, SOLREF, WallContacts, _nearby, wheel_contacts
 
 
 def pipe(**changes) -> Pipe:
@@ -45,7 +45,7 @@ def at_rest(pipe: Pipe, robot: Robot):
     import mujoco
 
     model = build_model(pipe, robot, draw_build(robot, np.random.default_rng(0)))
-    contacts = WallContacts(pipe.wall, model, (robot.wheel_friction, robot.roller_friction))
+    contacts = WallContacts(pipe, model, (robot.wheel_friction, robot.roller_friction))
     data = mujoco.MjData(model.model)
     _place(data, pipe, robot, 0.0)
     _settle(model, data, contacts)
@@ -131,6 +131,17 @@ def test_rollers_make_the_wheel_swell_and_shrink_as_it_turns():
     wheel[0, 3] = 0.02
     gaps = [wheel_contacts(PLAIN.wall, 57.3 * outward[None], axle, np.array([turn]), wheel)[2][0] for turn in turns]
     np.testing.assert_allclose(gaps, -0.1 - 0.02 * np.cos(10 * turns), atol=5e-3)
+
+
+def test_a_step_looks_at_the_features_nearby_however_long_the_pipe():
+    pockets = [
+        Pocket(distance_mm=250 * k + 200, clock_deg="4:00", depth_mm=4, length_mm=40, width_mm=30) for k in range(200)
+    ]
+    hub_z_mm = np.array([100.0, 180.0])
+    few, many = (pipe(end_mm=50_000, features=tuple(pockets[:n])).wall for n in (4, 200))
+    assert many.codes.size == 200
+    np.testing.assert_array_equal(_nearby(many, hub_z_mm).rows, _nearby(few, hub_z_mm).rows)
+    assert _nearby(many, hub_z_mm + 25_000).codes.size <= 2
 
 
 def test_a_wheel_bridges_a_short_pocket_on_both_its_edges():

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import atan2
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sensor_model.geometry import GRAVITY_M_S2, rotation_from_wxyz
 from sensor_model.settings import Settings
 from twin.drives.base import DriveFailed
+from twin.drives.motors import (
+    MotorFault,
+    RollHold,
+    RollStage,
+    RollTo,
+    Via,
+    motor_controls,
+    torque_limits_n_m,
+    torque_share,
+)
+from twin.drives.watch import Watch
 from twin.pipe import Pipe
 from twin.robot import Robot, draw_build
 from twin.robot_model import (
@@ -26,31 +38,25 @@ from twin.robot_model import (
     WHEEL_HUB,
     RobotModel,
     build_model,
-    motor_names,
     wheel_names,
 )
-from twin.truth import Truth, gravity_direction
+from twin.truth import Truth, WheelLog, gravity_direction
 from twin.wheel_contact import WallContacts
+from twin.wheel_log import WheelRecorder
 
 SETTLE_S = 1.5
 SETTLE_DAMPING = 8.0  # legs are damped so much more while the robot settles, which is then over sooner
 STILL_MM_S = 1.0  # soft friction lets wheels creep a little under load, and nothing else moves any more
 CHECK_STEPS = 25
-
-
-class RollStage(Settings):
-    """A turn about the pipe's axis by the end wheels: from when, for how long, how fast; clockwise seen along +z."""
-
-    start_s: Annotated[float, Field(ge=0)]
-    duration_s: Annotated[float, Field(gt=0)]
-    rate_deg_s: Annotated[float, Field(ge=-180, le=180)]
+BOTH_WAYS = np.array([-1.0, 1.0])
 
 
 class RobotDrive(Settings):
     """The robot sent from one place to another: its motors follow a smooth profile, and where it gets is physics.
 
     Distances are the camera's. It starts at rest exactly at `start_mm`; it stops where its wheels have rolled the
-    distance to `end_mm`, which slip and soft contact make a little different, and stands there for `dwell_s`.
+    distance to `end_mm`, which slip and soft contact make a little different, and stands there for `dwell_s`. `via`
+    are places to stop at before, in any order: stop and go, and reverse.
     """
 
     kind: Literal["robot"] = "robot"
@@ -59,24 +65,35 @@ class RobotDrive(Settings):
     speed_mm_s: Annotated[float, Field(gt=0, le=200)] = 50.0
     ramp_s: Annotated[float, Field(gt=0, le=5)] = 0.3
     dwell_s: Annotated[float, Field(ge=0, le=10)] = 0.2
+    via: tuple[Via, ...] = Field(default=(), max_length=1000)
     roll: tuple[RollStage, ...] = Field(default=(), max_length=100)
+    roll_to: tuple[RollTo, ...] = Field(default=(), max_length=100)
+    faults: tuple[MotorFault, ...] = Field(default=(), max_length=100)
     tether_drag_n: Annotated[float, Field(ge=0)] = 0.0
     tipped_deg: Annotated[float, Field(gt=0, le=45)] = 8.0
     stuck_mm: Annotated[float, Field(gt=0)] = 30.0
 
+    @model_validator(mode="after")
+    def _rolls_in_one_way(self) -> RobotDrive:
+        if self.roll and self.roll_to:
+            raise ValueError("give either roll, which turns the end wheels, or roll_to, which holds a roll by them")
+        return self
+
     @property
     def span_mm(self) -> tuple[float, float]:
         """Lowest and highest place of the camera."""
-        return min(self.start_mm, self.end_mm), max(self.start_mm, self.end_mm)
+        places = [self.start_mm, *(via.to_mm for via in self.via), self.end_mm]
+        return min(places), max(places)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """One drive as MuJoCo had it, a row a step: its read-outs, and which wheels touched the wall."""
+    """One drive as MuJoCo had it, a row a step: its read-outs, and which wheels touched the wall; and what they did."""
 
     robot: RobotModel
     sensor: Float[np.ndarray, "n readouts"]
     touching: Bool[np.ndarray, "n wheels"]
+    wheels: WheelLog
 
     def readout(self, name: str) -> Float[np.ndarray, "n k"]:
         """One sensor's read-out, in MuJoCo's units."""
@@ -101,25 +118,38 @@ def simulate_motion(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.rand
     import mujoco
 
     model = build_model(pipe, robot, draw_build(robot, rng))
-    contacts = WallContacts(pipe.wall, model, (robot.wheel_friction, robot.roller_friction))
+    contacts = WallContacts(pipe, model, (robot.wheel_friction, robot.roller_friction))
     data = mujoco.MjData(model.model)
     _place(data, pipe, robot, settings.start_mm)
     _settle(model, data, contacts)
     data.qpos[2] += MM * settings.start_mm - data.site_xpos[0, 2]
 
-    controls = motor_controls(pipe, robot, settings, model.feed_forward_s)
+    controls = _controls(pipe, robot, settings, model.feed_forward_s)
+    limits = torque_limits_n_m(robot, settings.faults, len(controls))
     sensor = np.empty((len(controls), model.model.nsensordata))
     touching = np.empty((len(controls), len(wheel_names(robot))), dtype=bool)
-    motion = Motion(model, sensor, touching)
-    chassis = model.model.body(CHASSIS).id
+    recorder = WheelRecorder(model, contacts, len(controls))
+    watch = Watch(pipe, robot, model, settings.tipped_deg, settings.stuck_mm, settings.tether_drag_n)
+    ctrl, qpos, qvel, readout = data.ctrl, data.qpos, data.qvel, data.sensordata
+    pull = data.xfrc_applied[model.model.body(CHASSIS).id]
+    hinges = model.model.jnt_dofadr[model.model.actuator_trnid[:, 0]]
+    fading, limit = robot.motor_no_load_turns_s is not None, limits[0]
+    hold = _hold(pipe, robot, settings, len(controls), model.feed_forward_s)
     for i, control in enumerate(controls):
-        data.ctrl[:] = control
-        data.xfrc_applied[chassis, 2] = -settings.tether_drag_n * np.tanh(data.qvel[2] / (1.0 * MM))
+        limit = limits.get(i, limit)
+        if fading or i in limits:
+            reach = limit * torque_share(robot, qvel[hinges])
+            model.model.actuator_forcerange[:] = reach[:, None] * BOTH_WAYS
+        ctrl[:] = control
+        if hold is not None:
+            ctrl[robot.leg_count :] += hold.more_rad(i, 2 * atan2(qpos[6], qpos[3]))
+        pull[2] = -settings.tether_drag_n * np.tanh(qvel[2] / (1.0 * MM))
         step(model.model, data, contacts)
-        sensor[i], touching[i] = data.sensordata, contacts.touching
+        recorder.record(data, i)
+        sensor[i], touching[i] = readout, contacts.touching
         if i % CHECK_STEPS == 0 or i == len(controls) - 1:
-            _check(motion, i, pipe, robot, settings)
-    return motion
+            watch.check(i, sensor[i], touching[i], data)
+    return Motion(model, sensor, touching, recorder.log())
 
 
 def step(model: Any, data: Any, contacts: WallContacts) -> None:
@@ -141,43 +171,31 @@ def step(model: Any, data: Any, contacts: WallContacts) -> None:
     mujoco.mj_fwdActuation(model, data)
     mujoco.mj_fwdAcceleration(model, data)
     mujoco.mj_fwdConstraint(model, data)
+    contacts.remember(data)
     data.flg_rnepost = False  # or the accelerometer would keep an earlier step's value
     mujoco.mj_sensorAcc(model, data)
     mujoco.mj_implicit(model, data)
 
 
-def motor_controls(
-    pipe: Pipe, robot: Robot, settings: RobotDrive, feed_forward_s: float
-) -> Float[np.ndarray, "n motors"]:
-    """What every motor is told at every step: its angle and, fed forward, its rate."""
-    travel = settings.end_mm - settings.start_mm
-    ramp = min(settings.ramp_s, max(abs(travel) / settings.speed_mm_s, STEP_S))
-    cruise = abs(travel) / settings.speed_mm_s - ramp
-    roll_end = max((stage.start_s + stage.duration_s + settings.ramp_s for stage in settings.roll), default=0.0)
-    duration = max(cruise + 2 * ramp, roll_end) + settings.dwell_s
-    time = STEP_S * np.arange(round(duration / STEP_S) + 1)
-
-    distance, speed = _smooth_move(time, 0.0, cruise + 2 * ramp, ramp)
-    sign = np.sign(travel)
-    leg = sign * settings.speed_mm_s * (distance + feed_forward_s * speed) / robot.wheel_radius_mm
-    end = np.zeros_like(time)
-    for stage in settings.roll:
-        turned, rate = _smooth_move(time, stage.start_s, stage.duration_s + settings.ramp_s, settings.ramp_s)
-        rim = np.radians(stage.rate_deg_s) * pipe.bore_radius_mm / robot.end_wheel_radius_mm
-        end += rim * (turned + feed_forward_s * rate)
-    names = motor_names(robot)
-    return np.column_stack([leg] * robot.leg_count + [end] * (len(names) - robot.leg_count))
+def _controls(pipe: Pipe, robot: Robot, settings: RobotDrive, feed_forward_s: float) -> Float[np.ndarray, "n motors"]:
+    return motor_controls(
+        robot,
+        pipe.bore_radius_mm,
+        [settings.start_mm, *(via.to_mm for via in settings.via), settings.end_mm],
+        [*(via.dwell_s for via in settings.via), settings.dwell_s],
+        settings.speed_mm_s,
+        settings.ramp_s,
+        settings.roll or settings.roll_to,
+        settings.faults,
+        feed_forward_s,
+    )
 
 
-def _smooth_move(time: np.ndarray, start_s: float, duration_s: float, ramp_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Way and speed of a move at unit speed whose speed rises and falls smoothly (3 u^2 - 2 u^3) over `ramp_s`."""
-
-    def risen(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        u = np.clip(t / ramp_s, 0, 1)
-        return ramp_s * (u**3 - u**4 / 2) + np.maximum(t - ramp_s, 0), u * u * (3 - 2 * u)
-
-    up, down = risen(time - start_s), risen(time - start_s - duration_s + ramp_s)
-    return up[0] - down[0], up[1] - down[1]
+def _hold(pipe: Pipe, robot: Robot, settings: RobotDrive, steps: int, feed_forward_s: float) -> RollHold | None:
+    if not settings.roll_to:
+        return None
+    rim_per_roll = pipe.bore_radius_mm / robot.end_wheel_radius_mm
+    return RollHold(settings.roll_to, steps, settings.ramp_s, rim_per_roll, feed_forward_s)
 
 
 def _place(data: Any, pipe: Pipe, robot: Robot, start_mm: float) -> None:
@@ -217,25 +235,6 @@ def _settle(robot: RobotModel, data: Any, contacts: WallContacts) -> None:
         raise DriveFailed("the robot does not come to rest at the start; it slips, or its springs do not hold it")
 
 
-def _check(motion: Motion, i: int, pipe: Pipe, robot: Robot, settings: RobotDrive) -> None:
-    """Raise a `DriveFailed` when the robot at step i is no longer driving."""
-    position = motion.readout(POSITION)[i] / MM
-    where = f"at {i * STEP_S:.2f} s, camera at z = {position[2]:.0f} mm"
-    axis = rotation_from_wxyz(motion.readout(ATTITUDE)[i])[:, 2]
-    tilt_deg = np.degrees(np.arccos(np.clip(axis[2], -1, 1)))
-    if not tilt_deg <= settings.tipped_deg:
-        raise DriveFailed(f"the robot tips by {tilt_deg:.1f} degrees {where}")
-    chassis = position - robot.camera_ahead_mm * axis
-    if np.hypot(*chassis[:2]) > pipe.bore_radius_mm - robot.chassis_radius_mm:
-        raise DriveFailed(f"the chassis rubs on the wall {where}")
-    if not motion.touching[i].any():
-        raise DriveFailed(f"no wheel touches the wall {where}")
-    rolled = np.median(_leg_angles(motion, robot)[i] - _leg_angles(motion, robot)[0]) * robot.wheel_radius_mm
-    travelled = position[2] - motion.readout(POSITION)[0, 2] / MM
-    if abs(rolled - travelled) > settings.stuck_mm:
-        raise DriveFailed(f"the robot is stuck {where}: wheels rolled {rolled:.0f} mm, it went {travelled:.0f} mm")
-
-
 def _leg_angles(motion: Motion, robot: Robot) -> Float[np.ndarray, "n legs"]:
     """Angle of each leg's motor, whose encoder sits on the front wheel's shaft."""
     names = [f"leg{k}_front" for k in range(robot.leg_count)]
@@ -252,7 +251,7 @@ def truth_of(pipe: Pipe, robot: Robot, motion: Motion) -> Truth:
     names = wheel_names(robot)[: 2 * robot.leg_count]
     hub_mm = np.column_stack([motion.readout(WHEEL_HUB.format(name))[:, 2] / MM for name in names])
     pair_mm = hub_mm.reshape(time.size, robot.leg_count, 2).mean(axis=2)
-    slip = np.gradient(angle * robot.wheel_radius_mm - pair_mm, STEP_S, axis=0)
+    slip = np.gradient(angle * robot.leg_wheel_radius_mm - pair_mm, STEP_S, axis=0)
     return Truth(
         pipe=pipe,
         time_s=time,
@@ -262,4 +261,5 @@ def truth_of(pipe: Pipe, robot: Robot, motion: Motion) -> Truth:
         angular_velocity_camera_rad_s=motion.readout(GYRO).copy(),
         wheel_angle_rad=angle - angle[0],
         slip_mm_s=slip,
+        wheels=motion.wheels,
     )

@@ -1,0 +1,69 @@
+"""Which wheels slip in this frame: each set of them is weighed as a hypothesis, and the likeliest is taken."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import combinations
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import Field
+
+from sensor_model.settings import Settings
+
+MOST_TOGETHER = 2  # wheels that are taken to slip in one frame for reasons of their own; beyond that, all do
+STAYS = 0.9
+
+
+class VotingSettings(Settings):
+    """How rarely one wheel begins to slip in a frame, how rarely all do, and how fast a slipping rim may be."""
+
+    one_begins: Annotated[float, Field(gt=0, lt=0.5)] = 1e-3
+    all_begin: Annotated[float, Field(gt=0, lt=0.5)] = 1e-5
+    slip_speed_mm_s: Annotated[float, Field(gt=1)] = 60.0
+
+
+@cache
+def hypotheses(wheels: int) -> Bool[np.ndarray, "sets wheels"]:
+    """Every set of wheels that may slip at once: none, one, two, or all."""
+    sets = [chosen for k in range(min(MOST_TOGETHER, wheels - 1) + 1) for chosen in combinations(range(wheels), k)]
+    table = np.zeros((len(sets) + 1, wheels), dtype=bool)
+    for row, chosen in enumerate(sets):
+        table[row, list(chosen)] = True
+    table[-1] = True
+    return table
+
+
+def slipping(
+    innovation: Float[np.ndarray, "wheels"],
+    spread: Float[np.ndarray, "wheels wheels"],
+    variance: Float[np.ndarray, "wheels"],
+    before: Bool[np.ndarray, "wheels"],
+    named: Bool[np.ndarray, "wheels"],
+    settings: VotingSettings,
+) -> Bool[np.ndarray, "wheels"]:
+    """The likeliest set of slipping wheels.
+
+    Args:
+        innovation: rolling speeds less what the filter expects of them, mm/s.
+        spread: covariance of what it expects.
+        variance: of each wheel's own noise.
+        before: those that slipped in the last frame, which tends to go on.
+        named: those under alarm, which slip until the alarm is over.
+        settings: how rare slip is.
+    """
+    sets = hypotheses(innovation.size)
+    sets = sets[~(named & ~sets).any(axis=1)]
+    own = variance + sets * settings.slip_speed_mm_s**2
+    covariance = spread + own[:, None, :] * np.eye(innovation.size)
+    misfit = np.einsum("i,kij,j->k", innovation, np.linalg.inv(covariance), innovation)
+    begins = np.where(before, STAYS, settings.one_begins)
+    prior = np.log(np.where(sets, begins, 1 - begins)).sum(axis=1)
+    prior[-1] = np.log(STAYS if before.all() else settings.all_begin)
+    return sets[np.argmax(prior - 0.5 * (misfit + np.linalg.slogdet(covariance)[1]))]
+
+
+def outvoted(slips: Bool[np.ndarray, "wheels"], variance: np.ndarray, settings: VotingSettings) -> np.ndarray:
+    """The wheels' variances with those of the slipping ones opened so wide that they say next to nothing."""
+    return variance + slips * (100 * settings.slip_speed_mm_s) ** 2
