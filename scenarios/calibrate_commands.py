@@ -114,7 +114,10 @@ def decode(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Where the overlay goes.  [default: decoded/NAME]")
     ] = None,
-    twin: Annotated[bool, typer.Option("--twin", help="Draw the twin from the same place, and compare.")] = False,
+    twin: Annotated[
+        str | None,
+        typer.Option("--twin", metavar="LOOK", help="Draw the twin from the same place and compare: plain, endoscope."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure one picture by itself: slits, points, cylinder, coverage, residual."""

@@ -26,6 +26,7 @@ PAPER_PARTS = {
     "fig12.json",
     "fig12.csv",
 }
+FIG7_PARTS = {"log.csv", "poses.csv", "fig7.yaml", "fig7-imu.html"}
 TRUST_PARTS = {
     "pod.json",
     "curve.csv",
@@ -36,7 +37,7 @@ TRUST_PARTS = {
     "fig16.csv",
     "fig16.png",
 }
-PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS | TRUST_PARTS
+PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS | FIG7_PARTS | TRUST_PARTS
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 

@@ -390,6 +390,7 @@ def _camera_uniforms(camera: Camera, pipe: Pipe, T_pipe_camera: np.ndarray) -> d
 def _beam_uniforms(beam: Light) -> dict[str, Any]:
     return {
         "strut": np.array([beam.strut_azimuth_rad, beam.strut_half_width_rad, beam.strut_softness_rad, beam.jag_rad]),
+        "slide_cells": float(beam.jag_cells),
         "falloff": np.array([beam.distance_power, beam.angle_power, REFERENCE_RANGE_MM, beam.housing_radius_mm]),
     }
 

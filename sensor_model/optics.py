@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from sensor_model.rig import Projector
+from sensor_model.rig import Projector, load_settings
 from sensor_model.settings import Settings
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Channels = tuple[Share, Share, Share]
 NonNegative = Annotated[float, Field(ge=0)]
 
+LOOKS = Path(__file__).parent / "looks"
 REFERENCE_RANGE_MM = 130.0  # fall-off with distance is 1 here
 
 
@@ -34,6 +37,8 @@ class Optics(Settings):
     """Light falls with this power of the cosine between light and wall normal; 1 is Lambert's law."""
     slide_jag_deg: NonNegative = 0.08
     """Largest shift of a slit's edges along the azimuth: the print of the slide, the same in every picture."""
+    slide_jag_cells: Annotated[int, Field(ge=16, le=4096)] = 1024
+    """How many such shifts there are around the slide; between them an edge goes straight."""
 
     inter_reflection: NonNegative = 0.15
     """Light that reaches the wall by way of the wall; 1 is a matt cylinder with the wall's own reflectance."""
@@ -69,6 +74,26 @@ class Optics(Settings):
         return self.model_copy(update={"shot_noise": 0.0, "read_noise": 0.0})
 
 
+@cache
+def look(name: str = "endoscope") -> Optics:
+    """The optics of a real sensor, as measured in its pictures, by name.
+
+    Raises:
+        ValueError: for another name.
+    """
+    known = {path.stem: path for path in sorted(LOOKS.glob("*.yaml"))}
+    if name not in known:
+        raise ValueError(f"no look is called {name!r}; there are {', '.join(known)}")
+    return load_settings(Optics, known[name])
+
+
+def _by_name(value: Any) -> Any:
+    return look(value) if isinstance(value, str) else value
+
+
+AnyOptics = Annotated[Optics, BeforeValidator(_by_name, json_schema_input_type=str | Optics)]
+
+
 class Light(NamedTuple):
     """The projector's light as compiled code and the shader read it; half angles as tangents.
 
@@ -79,6 +104,7 @@ class Light(NamedTuple):
     lit_to: tuple[float, ...]  # and ends
     colors: tuple[tuple[float, ...], ...]  # of each band, wall reflectance times light
     jag_rad: float
+    jag_cells: int
     strut_azimuth_rad: float
     strut_half_width_rad: float
     strut_softness_rad: float
@@ -99,6 +125,7 @@ def light(projector: Projector, optics: Optics) -> Light:
         tuple(np.tan([*(slits - half_slit), outer]).tolist()),
         tuple(tuple(color) for color in colors.tolist()),
         float(np.radians(optics.slide_jag_deg)),
+        optics.slide_jag_cells,
         float(np.radians(projector.strut_clock_deg)),
         float(np.radians(projector.strut_width_deg)) / 2,
         float(np.radians(projector.strut_softness_deg)),

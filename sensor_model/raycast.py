@@ -24,9 +24,6 @@ from sensor_model.wall_rays import (
 )
 from twin.pipe import Pipe
 
-JAG_CELLS = 1024  # around the slide; the shader has the same number
-
-
 Triple = tuple[float, ...]
 Rows = tuple[Triple, ...]
 
@@ -259,17 +256,18 @@ def _jag(beam, tangent, azimuth):
             nearest, edge = abs(tangent - beam.lit_from[band]), 2 * band
         if abs(tangent - beam.lit_to[band]) < nearest:
             nearest, edge = abs(tangent - beam.lit_to[band]), 2 * band + 1
-    place = (azimuth / (2 * np.pi) + 0.5) * JAG_CELLS
+    place = (azimuth / (2 * np.pi) + 0.5) * beam.jag_cells
     cell = int(np.floor(place))
     part = place - cell
-    return beam.jag_rad * ((1 - part) * _hashed(edge, cell) + part * _hashed(edge, cell + 1))
+    here, next_one = _hashed(edge, cell % beam.jag_cells), _hashed(edge, (cell + 1) % beam.jag_cells)
+    return beam.jag_rad * ((1 - part) * here + part * next_one)
 
 
 @njit(cache=True, error_model="numpy")
 def _hashed(edge, cell):
     """A fixed number in [-1, 1) for one edge and cell: 32-bit integer arithmetic, as the shader has it."""
     mask = np.uint64(0xFFFFFFFF)
-    h = (np.uint64(edge) * np.uint64(0x9E3779B1) + np.uint64(cell % JAG_CELLS) * np.uint64(0x85EBCA6B)) & mask
+    h = (np.uint64(edge) * np.uint64(0x9E3779B1) + np.uint64(cell) * np.uint64(0x85EBCA6B)) & mask
     h ^= h >> np.uint64(16)
     h = (h * np.uint64(0x7FEB352D)) & mask
     h ^= h >> np.uint64(15)

@@ -18,6 +18,7 @@ SOFT_RAD = 0.03
 KNOT_ROWS = 60  # a heading drifts no faster than a line over so many rows
 DRIFT_STD_RAD = 0.05  # from knot to knot
 FOLDS, BLOCK_ROWS = 5, 12
+LAG_STARTS = (-0.5, 0.5, 1.5)  # between rows: on a row, where the attitude bends, the search gets stuck
 OUTLIER_SIGMAS = 5.0
 
 
@@ -99,7 +100,13 @@ def calibrate_hand_eye(
     first = len(imu) - poses
     lag, start = _coarse(imu, board, first)
     plain = _fit(imu, board, first, lag, start, np.ones(poses, dtype=bool), drift=False)
-    fit = _fit(imu, board, first, plain.lag_rows, _unknowns(plain), np.ones(poses, dtype=bool), drift=True)
+    fits = [
+        _fit(
+            imu, board, first, np.floor(plain.lag_rows) + off, _unknowns(plain), np.ones(poses, dtype=bool), drift=True
+        )
+        for off in LAG_STARTS
+    ]
+    fit = min(fits, key=lambda one: float(np.median(np.linalg.norm(one.error_rad, axis=1))))
     fit = _fit(imu, board, first, fit.lag_rows, _unknowns(fit), fit.inliers, drift=True)
     paired = _at(imu, first, poses, fit.lag_rows)
     tsai = tsai_lenz(paired, board)

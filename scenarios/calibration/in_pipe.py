@@ -23,21 +23,22 @@ from scenarios.report.canvas import SERIES, Picture, drawing, photograph, to_pic
 from scenarios.report.photographs import DOTS
 from scenarios.run_folder import whole_file
 from sensor_model.geometry import projector_azimuth_rad
-from sensor_model.optics import Optics
+from sensor_model.optics import Optics, look
 from sensor_model.rig import Rig
 
 LEAST_POINTS = 200
 OVERLAY_SCALE = 0.6
 
 
-def decode_picture(image: Path, rig: Rig, out: Path, beside_twin: bool = False) -> dict[str, Any]:
+def decode_picture(image: Path, rig: Rig, out: Path, twin_look: str | None = None) -> dict[str, Any]:
     """Decode one picture, write overlay, cloud and page into a folder, and give the figures.
 
-    Beside the twin: the same pipe is drawn from the same place, and the two looks are compared.
+    With a look, the twin is drawn from the same place by those optics ("plain": the default ones) and compared.
 
     Raises:
         BadInput: for a picture that cannot be read, is of another size, or shows no pipe.
     """
+    optics = _optics(twin_look)
     started = perf_counter()
     picture = read_for(image, rig)
     read_ms = 1e3 * (perf_counter() - started)
@@ -50,7 +51,7 @@ def decode_picture(image: Path, rig: Rig, out: Path, beside_twin: bool = False) 
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput([f"{out}: cannot be made: {error.strerror}; choose another folder with -o"]) from error
-    more = [_beside_twin(picture, view, plain_rig, figures)] if beside_twin else []
+    more = [_beside_twin(picture, view, plain_rig, optics, figures)] if optics else []
     overlay = _overlay(picture, view)
     _write_png(overlay, out / "overlay.png")
     with whole_file(out / "cloud.ply") as work:
@@ -58,6 +59,15 @@ def decode_picture(image: Path, rig: Rig, out: Path, beside_twin: bool = False) 
     with whole_file(out / "decode.html") as work:
         work.write_text(_decode_page(image, overlay, view, rig, figures, more), encoding="utf-8")
     return figures
+
+
+def _optics(name: str | None) -> Optics | None:
+    if name is None or name == "plain":
+        return None if name is None else Optics()
+    try:
+        return look(name)
+    except ValueError as error:
+        raise BadInput([f"--twin: {error}, and plain"]) from error
 
 
 def read_for(image: Path, rig: Rig) -> UInt8[np.ndarray, "height width 3"]:
@@ -150,14 +160,14 @@ def _write_cloud(view: PipeView, file: Path) -> None:
 
 
 def _beside_twin(
-    picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig: Rig, figures: dict[str, Any]
+    picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig: Rig, optics: Optics, figures: dict[str, Any]
 ) -> Section:
     """Draw the twin at the same place, measure both looks, put them into the figures and side by side."""
     import cv2
 
-    drawn = twin_of(view, rig, Optics(), np.random.default_rng(0))
+    drawn = twin_of(view, rig, optics, np.random.default_rng(0))
     looks = look_of(picture, view, rig), look_of(drawn, view_pipe(drawn, rig, DecodeSettings()), rig)
-    figures["look"], figures["look_twin"] = (look.figures() for look in looks)
+    figures["look"], figures["look_twin"] = (one.figures() for one in looks)
     rows = [("measure", "picture", "twin", "ratio")]
     for (name, real), twin in zip(figures["look"].items(), figures["look_twin"].values(), strict=True):
         rows.append((name, f"{real:.3g}", f"{twin:.3g}", f"{twin / real:.2f}" if real else "-"))

@@ -61,6 +61,17 @@ def fig5(
 
 
 @app.command()
+def fig7(seed: Seed = None, out: OutFolder = None, as_json: AsJson = False) -> None:
+    """Figure 7: rotation by camera and by IMU on a log like the sensor's own; `calibrate imu` does a real one."""
+    from scenarios.paper.fig7 import run_fig7
+
+    out = out or Path("paper") / "fig7"
+    figures = run_fig7(seed or 0, out)
+    said = [f"{name:<32}{value}" for name, value in figures.items() if value != ""]
+    print(json.dumps(figures, indent=2) if as_json else "\n".join([*said, f"page: {out / 'fig7-imu.html'}"]))
+
+
+@app.command()
 def fig11(seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, jobs: Jobs = None) -> None:
     """Figure 11: the clouds that the registrations leave of one gantry scan, side by side."""
     from scenarios.paper.fig11 import run_fig11

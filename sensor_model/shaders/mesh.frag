@@ -2,7 +2,6 @@
 // The projector's light on the wall: bands filtered over the pixel, strut, housing, fall-off and shadow.
 // SHADOWED, JAGGED and HOUSED are defined where they matter: in software GL a branch not taken costs as if it were.
 const float PI = 3.14159265358979;
-const float JAG_CELLS = 1024.0;
 
 in vec3 from_projector;
 in vec3 normal_projector;
@@ -11,6 +10,7 @@ in vec3 world;
 uniform sampler2D slide;            // by tangent of the half angle: light summed up to there (rgb), nearest edge (a)
 uniform vec4 slide_range;           // tangents of the first texel and from texel to texel, of the first and the last light
 uniform vec4 strut;                 // azimuth, half width, softness, rad; slide jag, rad
+uniform float slide_cells;          // of the jag, around the slide
 uniform vec4 falloff;               // distance power, angle power, reference range, housing radius, mm
 uniform mat4 camera_projector;      // projector to camera
 uniform vec4 extent;                // radius below which nothing is shaded, radius beyond which is no wall; start, end of the pipe
@@ -22,7 +22,7 @@ out vec4 color;
 
 float hashed(uint edge, uint cell)
 {
-    uint h = edge * 0x9E3779B1u + (cell % uint(JAG_CELLS)) * 0x85EBCA6Bu;
+    uint h = edge * 0x9E3779B1u + (cell % uint(slide_cells)) * 0x85EBCA6Bu;
     h ^= h >> 16u;
     h *= 0x7FEB352Du;
     h ^= h >> 15u;
@@ -46,7 +46,7 @@ vec3 summed_light(float tangent)
 float jag(float tangent, float azimuth)
 {
     uint edge = uint(texelFetch(slide, ivec2(int(slide_place(tangent) + 0.5), 0), 0).a);
-    float place = (azimuth / (2.0 * PI) + 0.5) * JAG_CELLS;
+    float place = (azimuth / (2.0 * PI) + 0.5) * slide_cells;
     float cell = floor(place);
     return strut.w * mix(hashed(edge, uint(cell)), hashed(edge, uint(cell) + 1u), place - cell);
 }

@@ -11,10 +11,12 @@ import pytest
 from algorithms.calibration.boards import ArucoGrid
 from algorithms.calibration.pipe_view import robust_residual_mm, view_pipe
 from algorithms.calibration.seat import fit_seat
-from algorithms.calibration.slide import learn_slide
+from algorithms.calibration.slide import learn_slide, with_jag
 from algorithms.decode import DecodeSettings, decode
 from scenarios.calibration import projector
+from scenarios.calibration.look import look_of, twin_of
 from scenarios.calibration.pictures import read_picture
+from sensor_model.optics import look
 from sensor_model.rig import Rig, load_settings, preset_rig
 
 # read by eye from magnified strips of the frames, every 10 degrees, before any decoder's points were laid over them
@@ -57,24 +59,40 @@ def test_all_slits_are_calibrated_near_the_published_cones(calibrated):
     assert figures["left_out_residual_corrected_mm"] < 0.75 * figures["left_out_residual_mm"]
 
 
-def test_real_frames_are_decoded_and_one_diameter_and_one_slide_fit_both(calibrated, frames):
-    from algorithms.calibration.slide import with_jag
-
+@pytest.fixture(scope="module")
+def seated(calibrated, frames):
+    """The rig in the pipe, and what the frames show by it; before that, what they show by the boards' rig."""
     rig = with_jag(calibrated[1], np.zeros((8, 0)))
-    views = [view_pipe(frame, rig, DecodeSettings()) for frame in frames]
-    for view in views:
+    before = [view_pipe(frame, rig, DecodeSettings()) for frame in frames]
+    rig = fit_seat(before, rig)
+    return rig, [view_pipe(frame, rig, DecodeSettings()) for frame in frames], before
+
+
+def test_real_frames_are_decoded_and_one_diameter_and_one_slide_fit_both(seated):
+    rig, views, before = seated
+    for view in before:
         assert view.alignment.converged
         assert view.coverage(slice(0, 5)) > 0.90
         assert view.coverage(slice(5, 8)) > 0.80
-    seated = fit_seat(views, rig)
-    views = [view_pipe(frame, seated, DecodeSettings()) for frame in frames]
     diameters = np.array([2 * view.alignment.radius_mm for view in views])
     assert np.ptp(diameters) < 0.01 * diameters.mean()
     assert all(np.mean(~view.right) < 0.01 for view in views)
-    learned = learn_slide(views, seated)
+    learned = learn_slide(views, rig)
     assert learned.helps
     assert (learned.corrected_mm < 0.75 * learned.plain_mm).all()
     assert max(robust_residual_mm(view) for view in views) < 1.2
+
+
+def test_the_twin_looks_like_the_real_frames(seated, frames):
+    width_deg = preset_rig("endoscope-measured").projector.slit_width_deg
+    rig = seated[0]
+    wide = rig.model_copy(update={"projector": rig.projector.model_copy(update={"slit_width_deg": width_deg})})
+    for frame, view in zip(frames, seated[1], strict=True):
+        drawn = twin_of(view, wide, look("endoscope"), np.random.default_rng(0))
+        real = look_of(frame, view, rig).figures()
+        twin = look_of(drawn, view_pipe(drawn, rig, DecodeSettings()), rig).figures()
+        for name, value in real.items():
+            assert twin[name] == pytest.approx(value, rel=0.2), name
 
 
 @pytest.mark.parametrize("number", [1, 2])

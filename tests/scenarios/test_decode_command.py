@@ -10,6 +10,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from scenarios.cli import app
+from scenarios.document import BadInput
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
 from sensor_model.raycast import draw
@@ -43,7 +44,9 @@ def _json(*words):
 
 
 def test_a_picture_is_measured_and_looks_like_its_twin(pictures, tmp_path):
-    said = _json("decode", pictures / "0.png", "--rig", pictures / "true.yaml", "-o", tmp_path / "out", "--twin")
+    said = _json(
+        "decode", pictures / "0.png", "--rig", pictures / "true.yaml", "-o", tmp_path / "out", "--twin", "plain"
+    )
     assert said["inner_diameter_mm"] == pytest.approx(142.0, abs=0.2)
     assert said["center_mm"] == pytest.approx([-8.0, 5.0], abs=0.3)
     assert said["tilt_deg"] < 0.3
@@ -58,6 +61,12 @@ def test_a_picture_is_measured_and_looks_like_its_twin(pictures, tmp_path):
     with Image.open(tmp_path / "out" / "overlay.png") as overlay:
         assert overlay.size == (1664, 1232)
     assert (tmp_path / "out" / "decode.html").read_text().count("<img") == 3
+
+
+def test_an_unknown_look_is_said(pictures, tmp_path):
+    result = CliRunner().invoke(app, ["decode", str(pictures / "0.png"), "--twin", "shiny", "-o", str(tmp_path / "o")])
+    assert isinstance(result.exception, BadInput)
+    assert "no look is called 'shiny'; there are endoscope" in str(result.exception)
 
 
 def test_seat_and_slide_are_learned_from_clean_pipe(pictures, tmp_path):

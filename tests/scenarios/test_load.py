@@ -64,6 +64,14 @@ def test_settings_and_seed_are_laid_over_the_file() -> None:
     assert scenario.seed == 7
 
 
+def test_rig_and_optics_go_by_name() -> None:
+    Path("s.yaml").write_text(GOOD + "rig: endoscope-measured\nsensing: {optics: endoscope}\n")
+    scenario = load_scenario("s.yaml")
+    assert scenario.rig.projector.slit_width_deg == 0.8
+    assert scenario.sensing.optics.haze == 0.38
+    assert to_scenario(parse(scenario_yaml(scenario), "dump")) == scenario
+
+
 def test_a_true_rig_states_only_what_differs() -> None:
     Path("s.yaml").write_text(GOOD + "rig: {camera: {fx_px: 600}}\ntrue_rig: {camera: {fy_px: 601}}\n")
     scenario = load_scenario("s.yaml")
@@ -203,6 +211,7 @@ def test_a_long_list_of_faults_ends_with_their_number() -> None:
         ("name.x=1", "--set name.x: name is the value 'small'; nothing lies below it"),
         ("drive.offset_mm=[1, 2", "--set drive.offset_mm: not YAML: expected ',' or ']'"),
         ("drive.offset_mm=[1]", "--set drive.offset_mm: drive.offset_mm.1: got nothing; required"),
+        ("sensing.optics=dull", "--set sensing.optics: got 'dull'; no look is called 'dull'; there are endoscope"),
         ("seed", "--set seed: give it as path.to.field=value"),
         ("seed=", "--set seed: got nothing; must be a whole number"),
         ("a..b=1", "--set a..b=1: give it as path.to.field=value"),

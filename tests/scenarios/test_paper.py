@@ -15,7 +15,7 @@ from scenarios.bench.clouds import TIMES, stretched
 from scenarios.bench.scans import take_scan, triangulated
 from scenarios.document import BadInput
 from scenarios.load import load_scenario
-from scenarios.paper import fig5, fig11, table1
+from scenarios.paper import fig5, fig7, fig11, table1
 
 SHORT = [
     "sensing.fidelity=points",
@@ -178,3 +178,15 @@ def test_bad_input_ends_with_status_2_and_a_word(command):
     assert ran.returncode == 2
     assert command[-1] in ran.stderr
     assert "Traceback" not in ran.stderr
+
+
+def test_fig7_finds_mount_lag_and_drift_and_errs_as_the_real_log_does(tmp_path):
+    for seed in (0, 1):
+        found = fig7.run_fig7(seed, tmp_path / "fig7")  # the second replaces the first
+        # what `calibrate imu` leaves of the published log, on blocks of rows that had no part in the fit
+        assert found["rmse_rad"] == pytest.approx([0.0069, 0.0086, 0.0062], rel=0.25)
+        assert found["lag_rows"] == pytest.approx(fig7.LAG_ROWS, abs=0.2)
+        assert found["heading_drift_deg"] == pytest.approx(fig7.HEADING_DRIFT_DEG, rel=0.2)
+        assert found["mount_error_deg"] < 0.3
+        assert max(found["rmse_without_heading_drift_rad"]) > 3 * max(found["rmse_rad"])
+    assert (tmp_path / "fig7" / "fig7-imu.html").read_text().count("<img") == 1

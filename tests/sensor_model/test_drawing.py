@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sensor_model import drawing, raycast
 from sensor_model.geometry import apply, fisheye_project, inverse, transform
-from sensor_model.optics import Optics, light
+from sensor_model.optics import Optics, light, look
 from sensor_model.rig import Rig, preset_rig
 from sensor_model.wall_rays import inward_normal
 from twin.features.pit import Pit
@@ -78,8 +78,13 @@ def test_slits_lie_where_the_closed_form_has_them(way: str) -> None:
 
 @pytest.mark.parametrize(
     ("pipe", "optics", "limit"),
-    [(PLAIN, Optics.ideal(), 0.01), (CARVED, Optics.ideal(), 0.012), (CARVED, Optics(), 0.012)],
-    ids=["plain", "carved", "carved, all effects"],
+    [
+        (PLAIN, Optics.ideal(), 0.01),
+        (CARVED, Optics.ideal(), 0.012),
+        (CARVED, Optics(), 0.012),
+        (PLAIN, look("endoscope"), 0.012),
+    ],
+    ids=["plain", "carved", "carved, all effects", "as the real sensor"],
 )
 def test_both_ways_give_the_same_picture(pipe: Pipe, optics: Optics, limit: float) -> None:
     drawn, cast = (draw(pipe, pose(), preset_rig(), optics) for draw in WAYS.values())
