@@ -25,12 +25,12 @@ def moved_results(results: list[FrameResult], seen: LookedBack) -> list[FrameRes
     """The frames with their poses moved, and the information on distance and roll that hindsight has."""
     along_and_about = moves(results, seen)
     return [
-        replace(result, alignment=_moved(result.alignment, along_mm, about_rad, covariance))
+        replace(result, alignment=moved(result.alignment, along_mm, about_rad, covariance))
         for result, (along_mm, about_rad), covariance in zip(results, along_and_about, seen.covariance, strict=True)
     ]
 
 
-def _moved(alignment: Alignment, along_mm: float, about_rad: float, covariance: np.ndarray) -> Alignment:
+def moved(alignment: Alignment, along_mm: float, about_rad: float, covariance: np.ndarray) -> Alignment:
     """Moved along and turned about the pipe's axis, which leaves the fit of the cylinder as good as it was."""
     information = alignment.information.copy()
     if alignment.converged:
