@@ -204,8 +204,9 @@ def _by_wheels(
     """Corrected by each wheel's own rolling speed, but those of the wheels that slip."""
     speeds = rolled_mm / dt
     H, variance = wheel_rows(x.size, speeds, dt, settings.wheels)
-    named = before.watch.named
-    slips = slipping(speeds - H @ x, H @ P @ H.T, variance, before.slips, named[:-1] | named[-1], settings.voting)
+    # a wheel under alarm is not asked; all of them must be, or nobody would notice that they grip again
+    named = before.watch.named[:-1]
+    slips = slipping(speeds - H @ x, H @ P @ H.T, variance, before.slips, named, settings.voting)
     x, P = corrected(x, P, speeds, H, outvoted(slips, variance, settings.voting))
     return x, P, slips
 
