@@ -98,6 +98,22 @@ def _run(
     print(f"report: {report}")
 
 
+@app.command()
+def view(
+    run_dir: Annotated[Path, typer.Argument(metavar="RUN", help="A folder that `run` made.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Page.  [default: RUN/view.html]")
+    ] = None,
+) -> None:
+    """Make a page that plays a run's drive: the robot in the pipe, its light, slip and roll; it opens offline."""
+    from scenarios.view.drive import read_run
+    from scenarios.view.page import write_view
+
+    out = out or run_dir / "view.html"
+    write_view(read_run(run_dir), out)
+    print(f"page: {out}")
+
+
 @app.command("list")
 def list_all(as_json: AsJson = False) -> None:
     """List scenarios, drives, features and registrations."""

@@ -14,9 +14,18 @@ from pathlib import Path
 from scenarios.document import BadInput
 
 MARK = "run.json"  # the last file of a run; a folder without it is not ours to replace
-RUN_PARTS = {"scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html"}
+RUN_PARTS = {"scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html", "view.html"}
 BENCH_PARTS = {"rows.csv", "pairs.csv", "frames.csv", "report.html", "artefacts.json", "artefacts.csv"}
-PAPER_PARTS = {"scenario.yaml", "table1.json", "table1.csv", "fig5.png", "fig5.json", "fig11.png"}
+PAPER_PARTS = {
+    "scenario.yaml",
+    "table1.json",
+    "table1.csv",
+    "fig5.png",
+    "fig5.json",
+    "fig11.png",
+    "fig12.json",
+    "fig12.csv",
+}
 PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 

@@ -16,10 +16,15 @@ from twin.truth import Truth
 
 
 class EncoderNoise(Settings):
-    """Errors of the encoders: how much larger each wheel really rolls than its stated diameter."""
+    """Errors of the encoders: how much larger each wheel really rolls than its stated diameter, and edges they miss.
+
+    `wheel_diameter_error_pct` changes what is counted alone, for a path that has no robot; wheels that really are of
+    another size, and so slip against each other, are the robot's setting of that name.
+    """
 
     update_rate: Annotated[float, Field(gt=1, le=1000)] = 100.0
     wheel_diameter_error_pct: tuple[float, ...] = (0.0, 0.0, 0.0)
+    missed_share: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
 @dataclass(frozen=True)
@@ -47,3 +52,11 @@ def measure_encoders(truth: Truth, wheels: Wheels, noise: EncoderNoise) -> Encod
     turns = angle / (2 * np.pi) / (1 + np.array(noise.wheel_diameter_error_pct) / 100)
     counts = np.floor(turns * wheels.counts_per_turn + 0.5).astype(np.int64)
     return EncoderLog(np.round(time_s * 1e9).astype(np.int64), counts)
+
+
+def with_missed_counts(
+    counts: Int[np.ndarray, "n wheels"], missed_share: float, rng: np.random.Generator
+) -> Int[np.ndarray, "n wheels"]:
+    """The counts of encoders that miss this share of their edges, each by chance, whichever way they turn."""
+    steps = np.diff(counts, axis=0, prepend=counts[:1])
+    return counts[:1] + np.cumsum(steps - np.sign(steps) * rng.binomial(np.abs(steps), missed_share), axis=0)

@@ -11,6 +11,7 @@ from pydantic import Field
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from sensor_model.attitude_filter import Fusion, fused_attitude, measured_north
 from sensor_model.geometry import GRAVITY_M_S2, wxyz_from_rotation
 from sensor_model.rig import ImuMount
 from sensor_model.settings import Settings
@@ -22,9 +23,13 @@ NonNegative = Annotated[float, Field(ge=0)]
 class ImuNoise(Settings):
     """Errors of the IMU under Kalibr's names and units (continuous time); every one has a zero.
 
-    `attitude_*` describe the device's own fused quaternion: white noise, and a slow drift with a correlation time;
-    `quaternion_rounding` is the step to which it is logged (0.01 in the real log; 0 for none). `rostopic` has no use
-    here: it is in Kalibr's `imu.yaml`, which can so be pasted in.
+    Biases, scale errors and `*_misalignment_deg` (how far each axis leans towards each other one) are standard
+    deviations of what one device has. A reading stops at its range and comes in whole steps; 0 is no limit, no step.
+
+    The device's own quaternion is the truth with `attitude_*` errors, white noise and a slow drift with a correlation
+    time; with `fusion` it is instead what a filter makes of these very readings. `quaternion_rounding` is the step to
+    which it is logged (0.01 in the real log; 0 for none). `rostopic` has no use here: it is in Kalibr's `imu.yaml`,
+    which can so be pasted in.
     """
 
     update_rate: Annotated[float, Field(gt=1, le=1000)] = 100.0
@@ -34,9 +39,18 @@ class ImuNoise(Settings):
     accelerometer_noise_density: NonNegative = 1.5e-3
     accelerometer_random_walk: NonNegative = 5.0e-4
     accelerometer_bias_m_s2: NonNegative = 0.02
+    gyroscope_scale_error_pct: NonNegative = 0.0
+    gyroscope_misalignment_deg: NonNegative = 0.0
+    gyroscope_range_deg_s: NonNegative = 0.0
+    gyroscope_step_deg_s: NonNegative = 0.0
+    accelerometer_scale_error_pct: NonNegative = 0.0
+    accelerometer_misalignment_deg: NonNegative = 0.0
+    accelerometer_range_g: NonNegative = 0.0
+    accelerometer_step_mg: NonNegative = 0.0
     attitude_noise_deg: NonNegative = 0.05
     attitude_drift_deg: NonNegative = 0.2
     attitude_drift_time_s: Annotated[float, Field(gt=0)] = 20.0
+    fusion: Fusion | None = None
     quaternion_rounding: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     rostopic: str = ""
 
@@ -85,18 +99,31 @@ def measure_imu(
     acceleration += np.einsum("nij,nj->ni", R_pipe_camera, lever_acceleration)
     specific_force = acceleration - GRAVITY_M_S2 * gravity_direction(truth.pipe)
 
-    gyro = omega @ mount.R_camera_imu + _errors(
+    gyro = omega @ mount.R_camera_imu
+    force = np.einsum("nji,nj->ni", R_pipe_imu, specific_force)
+    gyro_errors = _errors(
         rng,
         time_s,
         noise.gyroscope_noise_density,
         noise.gyroscope_random_walk,
         np.radians(noise.gyroscope_bias_deg_s),
     )
-    force = np.einsum("nji,nj->ni", R_pipe_imu, specific_force) + _errors(
+    force_errors = _errors(
         rng, time_s, noise.accelerometer_noise_density, noise.accelerometer_random_walk, noise.accelerometer_bias_m_s2
     )
-    attitude = _attitude(world_from_pipe(truth) @ R_pipe_imu, time_s, noise, rng_attitude)
-    return ImuLog(np.round(time_s * 1e9).astype(np.int64), gyro, force, attitude)
+    gyro = gyro @ _axes(rng, noise.gyroscope_scale_error_pct, noise.gyroscope_misalignment_deg) + gyro_errors
+    force = force @ _axes(rng, noise.accelerometer_scale_error_pct, noise.accelerometer_misalignment_deg) + force_errors
+    gyro = _read(gyro, np.radians(noise.gyroscope_range_deg_s), np.radians(noise.gyroscope_step_deg_s))
+    force = _read(force, GRAVITY_M_S2 * noise.accelerometer_range_g, 1e-3 * GRAVITY_M_S2 * noise.accelerometer_step_mg)
+    R_world_imu = world_from_pipe(truth) @ R_pipe_imu
+    if noise.fusion is None:
+        attitude = _with_errors(R_world_imu, time_s, noise, rng_attitude)
+    else:
+        attitude = _fused(R_world_imu, gyro, force, time_s[1] - time_s[0], noise.fusion, rng_attitude)
+    q = wxyz_from_rotation(attitude)
+    if noise.quaternion_rounding > 0:
+        q = np.round(q / noise.quaternion_rounding) * noise.quaternion_rounding
+    return ImuLog(np.round(time_s * 1e9).astype(np.int64), gyro, force, q)
 
 
 def _errors(rng, time_s, density, walk, bias) -> np.ndarray:
@@ -107,15 +134,34 @@ def _errors(rng, time_s, density, walk, bias) -> np.ndarray:
     return white + walked + rng.standard_normal(3) * bias
 
 
-def _attitude(R_world_imu, time_s, noise: ImuNoise, rng) -> np.ndarray:
-    """The device's own quaternion: a small world-frame error, then the rounding of its log."""
+def _axes(rng, scale_pct, misalignment_deg) -> np.ndarray:
+    """What one device's axes make of a vector (rows times it): scale errors on the diagonal, leaning axes beside it."""
+    scale = np.diag(rng.standard_normal(3) * scale_pct / 100)
+    leaning = rng.standard_normal((3, 3)) * np.radians(misalignment_deg)
+    return np.eye(3) + scale + leaning - np.diag(np.diag(leaning))
+
+
+def _read(values: np.ndarray, limit: float, step: float) -> np.ndarray:
+    """Readings cut at a range and in whole steps; zeros leave them as they are."""
+    if limit > 0:
+        values = np.clip(values, -limit, limit)
+    return np.round(values / step) * step if step > 0 else values
+
+
+def _with_errors(R_world_imu, time_s, noise: ImuNoise, rng) -> np.ndarray:
+    """A small error in the world's frame: noise and a slow drift."""
     keep = np.exp(-(time_s[1] - time_s[0]) / noise.attitude_drift_time_s)
     drift = rng.standard_normal((time_s.size, 3))
     drift[1:] *= np.sqrt(1 - keep**2)
     for i in range(1, time_s.size):
         drift[i] += keep * drift[i - 1]
     error_deg = drift * noise.attitude_drift_deg + rng.standard_normal((time_s.size, 3)) * noise.attitude_noise_deg
-    q = wxyz_from_rotation(Rotation.from_rotvec(np.radians(error_deg)).as_matrix() @ R_world_imu)
-    if noise.quaternion_rounding > 0:
-        q = np.round(q / noise.quaternion_rounding) * noise.quaternion_rounding
-    return q
+    return Rotation.from_rotvec(np.radians(error_deg)).as_matrix() @ R_world_imu
+
+
+def _fused(R_world_imu, gyro, force, dt_s, fusion: Fusion, rng) -> np.ndarray:
+    """What the device's filter makes of its own readings."""
+    north = np.zeros_like(gyro)
+    if fusion.magnetometer is not None:
+        north = measured_north(R_world_imu, float(dt_s), fusion.magnetometer, rng)
+    return fused_attitude(gyro, force, north, float(dt_s), R_world_imu[0], fusion)

@@ -7,18 +7,20 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from pydantic import Field
 
-from sensor_model.encoders import EncoderNoise, measure_encoders
+from sensor_model.encoders import EncoderNoise, measure_encoders, with_missed_counts
 from sensor_model.imu import ImuNoise, measure_imu
 from sensor_model.optics import Optics
 from sensor_model.points import PointNoise, see_slits
 from sensor_model.recording import SLIT_PIXELS_SUFFIX, NominalPipe, write_frame_list, write_logs, write_slit_pixels
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
+from sensor_model.stamps import Timing, stamps_and_exposures_s
 from sensor_model.streams import stream
 from sensor_model.workers import spread
+from twin.pipe import Pipe
 from twin.truth import Truth
 
 Fidelity = Literal["picture", "raycast", "points"]
@@ -33,6 +35,7 @@ class Sensing(Settings):
     points: PointNoise = PointNoise()
     imu: ImuNoise = ImuNoise()
     encoders: EncoderNoise = EncoderNoise()
+    timing: Timing = Timing()
 
 
 def sense(
@@ -56,12 +59,11 @@ def sense(
     imu = measure_imu(truth, true_rig.imu, sensing.imu, stream(seed, "imu"), stream(seed, "attitude"))
     encoders = measure_encoders(truth, true_rig.wheels, sensing.encoders)
     logs = np.hstack([imu.gyro_rad_s, imu.acceleration_m_s2])
-    write_logs(
-        folder, nominal_rig, nominal_pipe, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, encoders.counts
-    )
+    counts = with_missed_counts(encoders.counts, sensing.encoders.missed_share, stream(seed, "encoders"))
+    write_logs(folder, nominal_rig, nominal_pipe, imu.stamp_ns, logs, imu.q_world_imu_wxyz, encoders.stamp_ns, counts)
 
-    times = truth.sample_times_s(sensing.frame_rate_hz)  # when the strobe fires
-    poses = truth.pose_at(times)
+    times, exposed = stamps_and_exposures_s(truth, sensing.frame_rate_hz, sensing.timing, stream(seed, "stamps"))
+    poses = truth.pose_at(exposed.ravel()).reshape(*exposed.shape, 4, 4)
     stamps = np.round(times * 1e9).astype(np.int64)
     (folder / "cam0" / "data").mkdir(parents=True, exist_ok=True)
     suffix = SLIT_PIXELS_SUFFIX if sensing.fidelity == "points" else ".png"
@@ -75,10 +77,19 @@ def sense(
     write_frame_list(folder, stamps, suffix)
 
 
-def write_frame(pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, seed: int, index: int, file: Path) -> None:
-    """Make one frame and write it: a PNG, or the slit pixels."""
+def write_frame(
+    pipe: Pipe,
+    T_pipe_camera: Float[np.ndarray, "poses 4 4"],
+    rig: Rig,
+    sensing: Sensing,
+    seed: int,
+    index: int,
+    file: Path,
+) -> None:
+    """Make one frame and write it: a PNG, exposed while the camera is at each of these poses, or the slit pixels."""
     if sensing.fidelity == "points":
-        seen = see_slits(pipe, T_pipe_camera, rig, sensing.points, stream(seed, "points", index))
+        middle = T_pipe_camera[len(T_pipe_camera) // 2]
+        seen = see_slits(pipe, middle, rig, sensing.points, stream(seed, "points", index))
         write_slit_pixels(file, seen)
         return
     from sensor_model.image_formation import expose
@@ -87,7 +98,7 @@ def write_frame(pipe, T_pipe_camera: np.ndarray, rig: Rig, sensing: Sensing, see
         from sensor_model.drawing import draw
     else:
         from sensor_model.raycast import draw
-    linear = draw(pipe, T_pipe_camera, rig, sensing.optics)
+    linear = np.stack([draw(pipe, pose, rig, sensing.optics) for pose in T_pipe_camera]).mean(axis=0)
     picture = expose(linear, sensing.optics, stream(seed, "picture", index), rig.camera)
     file.write_bytes(png(picture))
 

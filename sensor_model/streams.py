@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-SOURCES = ("drive", "imu", "attitude", "picture", "points", "bench", "boards")
+SOURCES = ("drive", "imu", "attitude", "picture", "points", "bench", "boards", "encoders", "stamps")
 
 
 def stream(seed: int, source: str, index: int = 0) -> np.random.Generator:

@@ -28,7 +28,7 @@ SOLREF = (0.002, 1.0)
 SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def wheel_contacts(wall, hub_mm, axle, angle, wheel_shape):
     """Points where wheels press into the wall.
 
@@ -72,7 +72,7 @@ def wheel_contacts(wall, hub_mm, axle, angle, wheel_shape):
     return count, wheel, gap, point, frame
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _disc(hub, axle):
     """Rows: hub, axle, and two unit vectors in the wheel's plane: away from the pipe's axis, and a quarter turn on."""
     disc = np.empty((4, 3))
@@ -84,7 +84,7 @@ def _disc(hub, axle):
     return disc
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _rim_point(disc, shape, phi, across):
     radius = shape[0] - shape[1] + np.sqrt(shape[1] * shape[1] - across * across)
     radius += shape[RIPPLE] * np.cos(shape[ROLLERS] * (phi - shape[PHASE]))
@@ -95,19 +95,19 @@ def _rim_point(disc, shape, phi, across):
     return x, y, z
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _gap(wall, x, y, z):
     """Radial distance from a point to the wall; below zero inside the material."""
     return wall_radius_mm(wall, np.arctan2(x, -y), z) - np.sqrt(x * x + y * y)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _rim_gap(wall, disc, shape, phi, across):
     x, y, z = _rim_point(disc, shape, phi, across)
     return _gap(wall, x, y, z)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _beside_feature(wall, hub, radius):
     theta = np.arctan2(hub[0], -hub[1])
     for i in range(wall.codes.size):
@@ -120,7 +120,7 @@ def _beside_feature(wall, hub, radius):
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lowest(wall, disc, shape, phi, across, rounds):
     """Angle and place across of least gap near given ones, by parabolas in the one and the other in turn."""
     d_phi, d_across = 2.0 * SCAN_RAD / (SCAN_POINTS - 1), 2.0 * shape[2] / (STATIONS - 1)
@@ -152,7 +152,7 @@ def _lowest(wall, disc, shape, phi, across, rounds):
     return phi, across
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _parabola(left, here, right):
     """Where the parabola through three values, one step apart, is least, in steps from the middle; at most one."""
     bend = left - 2.0 * here + right
@@ -161,7 +161,7 @@ def _parabola(left, here, right):
     return min(max(0.5 * (left - right) / bend, -1.0), 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _scan(wall, disc, shape, found):
     """The two deepest points of the whole rim (angle, place across) that are not one; returns how many there are."""
     gaps = np.full((STATIONS + 2, SCAN_POINTS + 2), np.inf)
@@ -180,7 +180,7 @@ def _scan(wall, disc, shape, found):
     return (depth[0] < np.inf) + (depth[1] < np.inf)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _keep(radius, phi, across, gap, depth, found):
     """Enter one more point among the two deepest: in place of a neighbour it is deeper than, or of the shallower."""
     near = -1
@@ -193,7 +193,7 @@ def _keep(radius, phi, across, gap, depth, found):
         found[k, 0], found[k, 1] = phi, across
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _frame(wall, p, axle, frame):
     """Fill the contact's axes; returns the slope of the gap along its normal, which turns a gap into a distance."""
     x, y, z, h = p[0], p[1], p[2], SLOPE_MM
@@ -209,13 +209,23 @@ def _frame(wall, p, axle, frame):
 
 
 class Found(NamedTuple):
-    """Contacts of one moment, as `wheel_contacts` returns them."""
+    """Contacts of one moment: whose wheel, how deep, where, which way; as `wheel_contacts` has it but in metres."""
 
-    contacts: int
     wheel: np.ndarray
-    gap_mm: np.ndarray
-    point_mm: np.ndarray
+    dist_m: np.ndarray
+    point_m: np.ndarray
     frame: np.ndarray
+
+
+@njit(cache=True, error_model="numpy")
+def _found(wall, anchor_m, axle, qpos, joint, angle, wheel_shape, touching):
+    """`wheel_contacts` from MuJoCo's own arrays, and into one more: which wheels touch."""
+    hub_mm, axles, angles = anchor_m[joint] / MM, axle[joint], qpos[angle]
+    count, wheel, gap_mm, point_mm, frame = wheel_contacts(wall, hub_mm, axles, angles, wheel_shape)
+    touching[:] = False
+    for k in range(count):
+        touching[wheel[k]] = True
+    return wheel[:count], MM * gap_mm[:count], MM * point_mm[:count], frame[:count].copy().reshape(count, 9)
 
 
 class WallContacts:
@@ -227,14 +237,14 @@ class WallContacts:
     def __init__(self, pipe: Pipe, robot: RobotModel, friction: tuple[float, float]):
         import mujoco
 
-        self.wall, self.robot, self._friction = pipe.wall, robot, friction
+        self.wall, self.robot, self._friction = pipe.wall, robot, friction[0]
         self._surfaces = surface_rows(pipe.surfaces)
         self._creeps = any(surface.creep_pct > 0 for surface in pipe.surfaces)
         self.touching = np.zeros(robot.wheel_joint.size, dtype=bool)
         self._soft = np.zeros(robot.wheel_joint.size)
         self._near, self._near_z_mm = pipe.wall, np.inf
         self._add = mujoco.mj_addContact
-        self._contacts = [self._blank(int(geom), friction) for geom in robot.wheel_geom for _ in range(PER_WHEEL)]
+        self._contacts = [self._blank(int(geom), friction) for geom in robot.wheel_geom]
         self._hinge = np.array([int(robot.model.jnt_dofadr[joint]) for joint in robot.wheel_joint])
 
     def _blank(self, geom: int, friction: tuple[float, float]) -> Any:
@@ -257,52 +267,56 @@ class WallContacts:
         Raises:
             RuntimeError: when MuJoCo's memory for contacts is full.
         """
-        hub_mm = data.xanchor[self.robot.wheel_joint] / MM
-        axle = data.xaxis[self.robot.wheel_joint]
-        angle = data.qpos[self.robot.wheel_angle]
-        if not abs(hub_mm[0, 2] - self._near_z_mm) < NEAR_MM:
-            self._near, self._near_z_mm = _nearby(self.wall, hub_mm[:, 2]), hub_mm[0, 2]
-        found = self.found = Found(*wheel_contacts(self._near, hub_mm, axle, angle, self.robot.wheel_shape))
-        if len(self._surfaces):
-            self._wet(found, data)
-        count, wheel = found.contacts, found.wheel
-        self.touching[:] = False
-        self.touching[wheel[:count]] = True
-        dist, point, frame = MM * found.gap_mm, MM * found.point_mm, found.frame
-        for k in range(count):
-            contact = self._contacts[PER_WHEEL * wheel[k]]
-            contact.dist, contact.pos, contact.frame = dist[k], point[k], frame[k].ravel()
-            if self._add(self.robot.model, data, contact):
+        robot, anchor = self.robot, data.xanchor
+        z_mm = anchor[robot.wheel_joint[0], 2] / MM
+        if not abs(z_mm - self._near_z_mm) < NEAR_MM:
+            self._near, self._near_z_mm = _nearby(self.wall, anchor[robot.wheel_joint, 2] / MM), z_mm
+        joints, shapes = (robot.wheel_joint, robot.wheel_angle), robot.wheel_shape
+        found = self.found = Found(*_found(self._near, anchor, data.xaxis, data.qpos, *joints, shapes, self.touching))
+        for wheel in found.wheel.tolist():
+            if self._add(robot.model, data, self._contacts[wheel]):
                 raise RuntimeError("MuJoCo has no room for another contact")
-
-    def _wet(self, found: Found, data: Any) -> None:
-        """Give the contacts the grip and the creep of what they stand on.
-
-        MuJoCo's friction is soft: a pull f makes a contact slide at R f / b, with R its regularisation and b the rate
-        of its damping. Creep in proportion to the pull is that softness, set so that f = mu N slides at the stated
-        share of the rim's speed.
-        """
-        for k in range(found.contacts):
-            wheel = int(found.wheel[k])
-            grip, creep = surface_at(self._surfaces, found.point_mm[k, 2])
-            contact = self._contacts[PER_WHEEL * wheel]
-            contact.friction[0] = grip * self._friction[0]
-            contact.solreffriction[:] = 0.0
-            rim_mm_s = abs(data.qvel[self._hinge[wheel]]) * self.robot.wheel_shape[wheel, 0]
-            if creep > 0 and self._soft[wheel] > 0:
-                slide_m_s = MM * creep * max(rim_mm_s, CREEP_SPEED_MM_S)
-                damping = contact.friction[0] * self._soft[wheel] / slide_m_s
-                # damping is 2 / (dmax * time constant); never stiffer than the wall itself
-                contact.solreffriction[:] = max(2 / (SOLIMP[1] * damping), SOLREF[0]), 1.0
+        # all at once, for one by one takes longer than to find them
+        contact = data.contact
+        contact.dist[:], contact.pos[:], contact.frame[:] = found.dist_m, found.point_m, found.frame
+        if len(self._surfaces):
+            spin = data.qvel[self._hinge]
+            grip, slack_s = _footing(self._surfaces, found, spin, robot.wheel_shape, self._soft, self._friction)
+            contact.friction[:, 0], contact.solreffriction[:, 0] = grip, slack_s
+            contact.solreffriction[:, 1] = slack_s > 0
 
     def remember(self, data: Any) -> None:
         """Keep, for the creep of the next steps, how soft and how hard pressed each wheel's contact was in this one."""
-        if not self._creeps:
-            return
-        for k in range(data.ncon):
-            row, wheel = data.contact.efc_address[k], self.found.wheel[k]
-            if row >= 0:
-                self._soft[wheel] += SOFT_SHARE * (data.efc_R[row + 1] * data.efc_force[row] - self._soft[wheel])
+        if self._creeps:
+            _remember(self._soft, self.found.wheel, data.contact.efc_address, data.efc_R, data.efc_force)
+
+
+@njit(cache=True, error_model="numpy")
+def _footing(surfaces, found, spin_rad_s, wheel_shape, soft, friction):
+    """Friction of each contact on what it stands on, and the time constant of its softness, s; 0 for the wall's own.
+
+    MuJoCo's friction is soft: a pull f makes a contact slide at R f / b, with R its regularisation and b the rate of
+    its damping. Creep in proportion to the pull is that softness, set so that f = mu N slides at the stated share of
+    the rim's speed. `soft` is R N.
+    """
+    grip, slack_s = np.empty(found.wheel.size), np.zeros(found.wheel.size)
+    for k in range(found.wheel.size):
+        wheel = found.wheel[k]
+        share, creep = surface_at(surfaces, found.point_m[k, 2] / MM)
+        grip[k] = share * friction
+        if creep > 0.0 and soft[wheel] > 0.0:
+            rim_mm_s = abs(spin_rad_s[wheel]) * wheel_shape[wheel, 0]
+            damping = grip[k] * soft[wheel] / (MM * creep * max(rim_mm_s, CREEP_SPEED_MM_S))
+            # damping is 2 / (dmax * time constant); never stiffer than the wall itself
+            slack_s[k] = max(2.0 / (SOLIMP[1] * damping), SOLREF[0])
+    return grip, slack_s
+
+
+@njit(cache=True, error_model="numpy")
+def _remember(soft, wheel, address, efc_R, efc_force):
+    for k in range(address.size):
+        if address[k] >= 0:
+            soft[wheel[k]] += SOFT_SHARE * (efc_R[address[k] + 1] * efc_force[address[k]] - soft[wheel[k]])
 
 
 def _nearby(wall: Wall, hub_z_mm: np.ndarray) -> Wall:

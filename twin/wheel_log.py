@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from twin.robot_model import MM, STEP_S, RobotModel
+from twin.robot_model import STEP_S, RobotModel
 from twin.truth import WheelLog
 from twin.wheel_contact import WallContacts
 
@@ -34,9 +34,8 @@ class WheelRecorder:
         _fill(
             self._force[row],
             self._slip[row],
-            found.contacts,
             found.wheel,
-            MM * found.point_mm,
+            found.point_m,
             found.frame,
             data.cvel[self._robot.wheel_body],
             data.subtree_com[self._root],
@@ -50,10 +49,10 @@ class WheelRecorder:
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(force, slip, count, wheel, point, frame, velocity, center, efc_force, address):
+def _fill(force, slip, wheel, point, frame, velocity, center, efc_force, address):
     """Normal force (N) and slip (mm/s) of each wheel; of two contacts the sum, and the slip of the harder pressed."""
     hardest = np.zeros(force.size)
-    for k in range(count):
+    for k in range(wheel.size):
         if address[k] < 0:
             continue
         normal, w = efc_force[address[k]], wheel[k]
@@ -63,4 +62,4 @@ def _fill(force, slip, count, wheel, point, frame, velocity, center, efc_force, 
         hardest[w] = normal
         # MuJoCo keeps a body's velocity (angular, linear) as of the point at the whole robot's centre of mass
         surface = velocity[w, 3:] + np.cross(velocity[w, :3], point[k] - center)
-        slip[w] = -1000.0 * np.dot(surface, frame[k, 1])
+        slip[w] = -1000.0 * np.dot(surface, frame[k, 3:6])

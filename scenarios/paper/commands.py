@@ -74,5 +74,21 @@ def fig11(seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, 
     print(f"picture: {out / 'fig11.png'}")
 
 
+@app.command()
+def fig12(
+    seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
+) -> None:
+    """Figure 12: the angle that a roll of 8 and of 25 degrees leaves between two defects, by every estimator."""
+    from scenarios.paper.fig12 import run_fig12, words
+    from scenarios.progress import Progress
+
+    out, progress = out or Path("paper") / "fig12", Progress()
+    try:
+        rows = run_fig12(fidelity, seed, out, jobs or _cores(), progress)
+    finally:
+        progress.close()
+    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\nrows: {out / 'fig12.csv'}")
+
+
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -10,6 +10,7 @@ from scenarios.report.comparison import Row, rows
 from scenarios.report.numbers import score_figure
 from scenarios.report.path_figures import errors_over_distance, true_path, yield_over_distance
 from scenarios.report.photographs import sample_pictures
+from scenarios.report.robot_picture import robot_in_pipe
 from scenarios.report.shell import page_html
 from scenarios.report.statements import not_seen, oracle, scanned, verdict
 from scenarios.report.tables import defect_table, facts, score_tables, settings_table, slit_table
@@ -38,7 +39,7 @@ def write_report(run: Run, file: Path) -> None:
         "space": ("The pipe in space", figure_html(pipe_in_space(run))),
         "score": ("Score", score_tables(run) + f'<p class="note"><b>Oracle.</b> {escape(oracle(run))}</p>'),
         "pose": ("Pose errors", figure_html(errors_over_distance(run))),
-        "path": ("The true path", figure_html(true_path(run))),
+        "path": ("The true path", _drive(run)),
         "frames": ("Frames and pictures", _frames(run)),
         "settings": ("Settings", _settings(run)),
     }
@@ -69,6 +70,12 @@ def _page(run: Run, links: str, body: str) -> str:
 A simulated scan: the measurement never saw the truth it is compared with here. Lengths in millimetres, angles
 in degrees, clock positions in h:mm.""",
     )
+
+
+def _drive(run: Run) -> str:
+    """What really happened: the robot in the pipe, where a robot drove, and its path."""
+    shown = figure_html(robot_in_pipe(run)) if run.scenario.drive.kind == "robot" else ""
+    return shown + figure_html(true_path(run))
 
 
 def figure_html(picture: Picture, scrolls: bool = True) -> str:

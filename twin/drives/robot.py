@@ -120,18 +120,19 @@ def simulate_motion(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.rand
     touching = np.empty((len(controls), len(wheel_names(robot))), dtype=bool)
     recorder = WheelRecorder(model, contacts, len(controls))
     watch = Watch(pipe, robot, model, settings.tipped_deg, settings.stuck_mm, settings.tether_drag_n)
-    chassis = model.model.body(CHASSIS).id
+    ctrl, qpos, qvel, readout = data.ctrl, data.qpos, data.qvel, data.sensordata
+    pull = data.xfrc_applied[model.model.body(CHASSIS).id]
     hold = _hold(pipe, robot, settings, len(controls), model.feed_forward_s)
     for i, control in enumerate(controls):
         if i in limits:
             model.model.actuator_forcerange[:] = limits[i][:, None] * [-1, 1]
-        data.ctrl[:] = control
+        ctrl[:] = control
         if hold is not None:
-            data.ctrl[robot.leg_count :] += hold.more_rad(i, 2 * atan2(data.qpos[6], data.qpos[3]))
-        data.xfrc_applied[chassis, 2] = -settings.tether_drag_n * np.tanh(data.qvel[2] / (1.0 * MM))
+            ctrl[robot.leg_count :] += hold.more_rad(i, 2 * atan2(qpos[6], qpos[3]))
+        pull[2] = -settings.tether_drag_n * np.tanh(qvel[2] / (1.0 * MM))
         step(model.model, data, contacts)
         recorder.record(data, i)
-        sensor[i], touching[i] = data.sensordata, contacts.touching
+        sensor[i], touching[i] = readout, contacts.touching
         if i % CHECK_STEPS == 0 or i == len(controls) - 1:
             watch.check(i, sensor[i], touching[i], data)
     return Motion(model, sensor, touching, recorder.log())

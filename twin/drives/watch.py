@@ -26,7 +26,7 @@ class Watch:
         self._pipe, self._robot, self._model = pipe, robot, model
         self._tipped_deg, self._stuck_mm, self._tether_n = tipped_deg, stuck_mm, tether_drag_n
         self._wheels = [model.sensor[WHEEL_ANGLE.format(f"leg{k}_front")].start for k in range(robot.leg_count)]
-        self._passed: tuple[float, float] | None = None
+        self._passed: tuple[float, float, float] | None = None
 
     def check(self, i: int, readout: np.ndarray, touching: np.ndarray, data: Any) -> None:
         """See that step i leaves a robot that drives.
@@ -47,7 +47,9 @@ class Watch:
             raise DriveFailed(f"the chassis rubs on the wall {where}")
         if not touching.any():
             raise DriveFailed(f"no wheel touches the wall {where}")
-        self._stuck(float(np.median(readout[self._wheels] * robot.leg_wheel_radius_mm)), float(position[2]), where)
+        told = float(np.median(data.ctrl[: robot.leg_count])) * robot.wheel_radius_mm
+        rolled = float(np.median(readout[self._wheels] * robot.leg_wheel_radius_mm))
+        self._stuck(told, rolled, float(position[2]), where)
 
     def _diverged(self, i: int, data: Any) -> None:
         speed = np.linalg.norm(data.cvel[:, 3:], axis=1)
@@ -58,15 +60,15 @@ class Watch:
                 f"the simulation diverges at {i * STEP_S:.2f} s: body {name} moves at {speed[wrong][0]:.3g} m/s"
             )
 
-    def _stuck(self, rolled: float, travelled: float, where: str) -> None:
-        """Wheels that roll on and on for the little that the robot goes."""
-        if self._passed is None or abs(travelled - self._passed[1]) >= self._stuck_mm:
-            self._passed = rolled, travelled
-        rolled_mm, went_mm = rolled - self._passed[0], travelled - self._passed[1]
-        if abs(rolled_mm - went_mm) > self._stuck_mm:
+    def _stuck(self, told: float, rolled: float, travelled: float, where: str) -> None:
+        """Motors that are told, or wheels that roll, on and on for the little that the robot goes."""
+        if self._passed is None or abs(travelled - self._passed[2]) >= self._stuck_mm:
+            self._passed = told, rolled, travelled
+        told_mm, rolled_mm, went_mm = told - self._passed[0], rolled - self._passed[1], travelled - self._passed[2]
+        if max(abs(told_mm - went_mm), abs(rolled_mm - went_mm)) > self._stuck_mm:
             raise DriveFailed(
-                f"the robot is stuck {where}: wheels rolled {rolled_mm:.0f} mm, it went {went_mm:.0f} mm; "
-                f"{self._forces(travelled, np.sign(rolled_mm))}"
+                f"the robot is stuck {where}: told to go {told_mm:.0f} mm, its wheels rolled {rolled_mm:.0f} mm and it "
+                f"went {went_mm:.0f} mm; {self._forces(travelled, np.sign(told_mm))}"
             )
 
     def _forces(self, camera_mm: float, sense: float) -> str:
@@ -76,7 +78,7 @@ class Watch:
         states = [s.state for s in pipe.surfaces if s.from_mm <= at_mm < s.to_mm]
         grip = robot.leg_count * robot.leg_preload_n * robot.wheel_friction * GRIP[states[-1] if states else "dry"]
         motors = robot.leg_count * robot.motor_torque_limit_n_mm / robot.wheel_radius_mm
-        slope = -sense * self._model.model.body_mass.sum() * GRAVITY_M_S2 * gravity_direction(pipe)[2]
+        slope = -sense * self._model.model.body_mass.sum() * GRAVITY_M_S2 * gravity_direction(pipe)[2] + 0.0
         needed = max(self._tether_n + slope, 0.0)
         push = min(grip, motors)
         said = (

@@ -1,0 +1,1 @@
+"""Playing a run: what really happened, as one page that opens offline."""
