@@ -24,7 +24,7 @@ from algorithms.localisation.fused_model import (
     transition,
     wheel_rows,
 )
-from algorithms.localisation.gaps import imu_gaps
+from algorithms.localisation.gaps import IMU_GAP_S, imu_gaps
 from algorithms.localisation.imu import along_axis_mm_s2, turning_rad_s
 from algorithms.localisation.inclined import gravity_row
 from algorithms.localisation.smoothing import Past, smoothed
@@ -151,7 +151,7 @@ def advance(before: Fused, frame: Frame, rig: Rig, settings: FilterSettings) -> 
         across=_loosened(before.across, dt, settings),
         slips=slips,
         watch=watched,
-        gaps=before.gaps + felt.gaps,
+        gaps=(*(gap for gap in before.gaps if gap.start_ns not in {new.start_ns for new in felt.gaps}), *felt.gaps),
         marks=tuple(mark for k, mark in enumerate(before.marks) if k not in before.leaving),
         leaving=(),
     )
@@ -164,14 +164,20 @@ def _felt(before: Fused, frame: Frame, rate: np.ndarray, force: float | None, se
     stamps, rates = frame.imu_stamps_ns, rate
     if before.turn is not None:
         stamps, rates = np.append(before.turn[0], stamps), np.append(before.turn[1], rates)
-    silent = imu_gaps(before.stamp_ns, frame.stamp_ns, frame.imu_stamps_ns)
-    unturned = UNTURNED_RAD_S * sum(gap.amount for gap in silent)
+    silent = imu_gaps(int(stamps[0]) if stamps.size else before.stamp_ns, frame.stamp_ns, frame.imu_stamps_ns)
+    unturned = UNTURNED_RAD_S * float(np.sqrt(sum(_silence2_s2(gap, before.stamp_ns) for gap in silent)))
     turned = 0.0
-    if rates.size:
+    if rate.size:
         inside = (stamps > before.stamp_ns) & (stamps < frame.stamp_ns)
         knots = np.concatenate([[before.stamp_ns], stamps[inside], [frame.stamp_ns]])
         turned = float(np.trapezoid(np.interp(knots, stamps, rates), knots) / 1e9)
     return Felt(float(np.mean(forces)) if forces else 0.0, unfelt, turned, unturned, silent)
+
+
+def _silence2_s2(gap: Episode, since_ns: int) -> float:
+    """By how much the square of a silence has grown: a robot that rolls in it goes on rolling."""
+    before = max((since_ns - gap.start_ns) / 1e9, 0.0)
+    return gap.amount**2 - (before**2 if before > IMU_GAP_S else 0.0)
 
 
 def _carried(

@@ -59,13 +59,14 @@ def make_log(
     t = np.arange(round(drive.seconds * per_s) + 1) / per_s
     up = np.clip(np.minimum(t, drive.seconds - t) / RAMP_S, 0, 1)
     speed = drive.speed_mm_s * up**2 * (3 - 2 * up)
+    acceleration = drive.speed_mm_s * 6 * up * (1 - up) / RAMP_S * np.sign(drive.seconds / 2 - t)
     z = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) / per_s)])
     turn = 2 * np.pi / drive.roll_period_s
     roll = np.radians(drive.roll_deg) * (1 - np.cos(turn * t))
     rate = np.radians(drive.roll_deg) * turn * np.sin(turn * t)
     at = np.arange(0, t.size, IMU_PER_FRAME)
     counts = _counts(drive, rig, wheels, t[at], z[at], rng)
-    imu = _imu(drive, rig, inertial, np.gradient(speed, t) / 1e3, roll, rate, per_s, rng)
+    imu = _imu(drive, rig, inertial, acceleration / 1e3, roll, rate, per_s, rng)
     stamps = np.round(t * 1e9).astype(np.int64)
     frames = []
     for k, i in enumerate(at.tolist()):
