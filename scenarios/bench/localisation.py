@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,7 +25,7 @@ from algorithms.types import Episode
 from scenarios.bench.scans import Scan, take_scan
 from scenarios.load import load_scenario
 from scenarios.report.plain_rows import text_table, write_rows
-from scenarios.run import RunFailed, fold
+from scenarios.run import RunFailed, fold, provenance
 from scenarios.run_folder import run_folder
 from scenarios.score import score
 
@@ -79,8 +81,12 @@ def bench(causes: list[str], seeds: int, out: Path, workers: int, progress: Repo
     if unknown:
         raise RunFailed(f"no cause is called {unknown[0]!r}; there are {', '.join(map(repr, CAUSES))}")
     with run_folder(out) as folder:
+        start = time.perf_counter()
         rows = [row for cause in causes or list(CAUSES) for row in _of_cause(cause, seeds, workers, progress)]
         write_rows(rows, folder / "localisation")
+        seconds = {"localisation": round(time.perf_counter() - start, 3)}
+        made = provenance(load_scenario("paper-robot", BASE), seconds, {})
+        (folder / "run.json").write_text(json.dumps(made, indent=1) + "\n")
     return rows
 
 
