@@ -60,6 +60,7 @@ CAUSES: dict[str, tuple[str, ...]] = {
     "accelerometer bias, 20 mg": ("sensing.imu.accelerometer_bias_m_s2=0.2",),
     "frames lost, 10 %": ("sensing.timing.dropped_share=0.1",),
 }
+NOT_IN_CALIBRATION = ("motor stalled 3 s",)  # what goes wrong for once: nobody calibrates on it
 KNOWN, JOINTED = "fused, calibrated", "featured, joints"
 CALIBRATION_SEEDS = (1000, 1001)
 FIGURES = {"distance_error_pct": "distance %", "roll_rms_deg": "roll deg", "depth_error_mm": "depth mm"}
@@ -92,7 +93,8 @@ def bench(causes: list[str], seeds: int, out: Path, workers: int, progress: Repo
 
 def _of_cause(cause: str, seeds: int, workers: int, progress: Report) -> Iterator[Row]:
     changes = [*BASE, *CAUSES[cause]]
-    others = [take_scan(load_scenario("paper-robot", changes, seed), workers, progress) for seed in CALIBRATION_SEEDS]
+    alike = [*BASE] if cause in NOT_IN_CALIBRATION else changes
+    others = [take_scan(load_scenario("paper-robot", alike, seed), workers, progress) for seed in CALIBRATION_SEEDS]
     for seed in range(seeds):
         scan = take_scan(load_scenario("paper-robot", changes, seed), workers, progress)
         for name, settings in contenders(others).items():
