@@ -84,6 +84,7 @@ class Fused:
     marks: tuple[Any, ...] = ()
     """What stands in the state behind the wheels, two numbers each; `leaving` are those that go with the next step."""
     leaving: tuple[int, ...] = ()
+    all_for_s: float = 0.0
 
 
 def launch(
@@ -150,6 +151,7 @@ def advance(before: Fused, frame: Frame, rig: Rig, settings: FilterSettings) -> 
         force_mm_s2=force,
         across=_loosened(before.across, dt, settings),
         slips=slips,
+        all_for_s=before.all_for_s + dt if slips.all() else 0.0,
         watch=watched,
         gaps=(*(gap for gap in before.gaps if gap.start_ns not in {new.start_ns for new in felt.gaps}), *felt.gaps),
         marks=tuple(mark for k, mark in enumerate(before.marks) if k not in before.leaving),
@@ -212,7 +214,8 @@ def _by_wheels(
     H, variance = wheel_rows(x.size, speeds, dt, settings.wheels)
     # a wheel under alarm is not asked; all of them must be, or nobody would notice that they grip again
     named = before.watch.named[:-1]
-    slips = slipping(speeds - H @ x, H @ P @ H.T, variance, before.slips, named, settings.voting)
+    all_may = before.all_for_s < settings.voting.all_at_most_s
+    slips = slipping(speeds - H @ x, H @ P @ H.T, variance, before.slips, named, settings.voting, all_may)
     x, P = corrected(x, P, speeds, H, outvoted(slips, variance, settings.voting))
     return x, P, slips
 
