@@ -21,16 +21,23 @@ def moves(results: list[FrameResult], seen: LookedBack) -> Float[np.ndarray, "fr
     return np.column_stack([seen.z_mm - T[:, 2, 3], wrap_rad(seen.roll_rad - twist_about_z_rad(T[:, :3, :3]))])
 
 
+def moved_along(
+    map_z_mm: Float[np.ndarray, "frames"], move: Float[np.ndarray, "frames 2"], seen: LookedBack
+) -> Float[np.ndarray, "frames 2"]:
+    """The moves of what the frames put into the map, some of which was moved already when the distance leapt."""
+    return np.column_stack([seen.z_mm - map_z_mm, move[:, 1]])
+
+
 def moved_results(results: list[FrameResult], seen: LookedBack) -> list[FrameResult]:
     """The frames with their poses moved, and the information on distance and roll that hindsight has."""
     along_and_about = moves(results, seen)
     return [
-        replace(result, alignment=_moved(result.alignment, along_mm, about_rad, covariance))
+        replace(result, alignment=moved(result.alignment, along_mm, about_rad, covariance))
         for result, (along_mm, about_rad), covariance in zip(results, along_and_about, seen.covariance, strict=True)
     ]
 
 
-def _moved(alignment: Alignment, along_mm: float, about_rad: float, covariance: np.ndarray) -> Alignment:
+def moved(alignment: Alignment, along_mm: float, about_rad: float, covariance: np.ndarray) -> Alignment:
     """Moved along and turned about the pipe's axis, which leaves the fit of the cylinder as good as it was."""
     information = alignment.information.copy()
     if alignment.converged:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numba import njit
 
 from algorithms.decode import decode
-from algorithms.hindsight import ahead_mm, moved_results, moves, straightened
+from algorithms.hindsight import ahead_mm, moved_along, moved_results, moves, straightened
 from algorithms.localisation import ESTIMATORS, Estimator
 from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
@@ -21,7 +21,7 @@ from algorithms.sizing.measure import measure_defects
 from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall, WallMap
-from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall
+from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall, shift_waiting
 from sensor_model.geometry import fast_arctan2
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
@@ -42,6 +42,8 @@ class State:
     method: Method
     builder: MapBuilder
     wall: Wall
+    map_z_mm: list[float] = field(default_factory=list)
+    """Where the camera stood, frame by frame, as the map has it."""
     where: Any = None
     """The localisation's own state; None before the first frame."""
     results: list[FrameResult] = field(default_factory=list)
@@ -68,6 +70,7 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
     points = triangulate(seen, state.rig)
     alignment = register(state, frame, points)
     kept = np.zeros(points.sigma_mm.size, dtype=bool)
+    state.map_z_mm.append(float(alignment.T_pipe_camera[2, 3]))
     if alignment.converged:
         kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
         add_points(state.builder, points, kept, alignment)
@@ -90,10 +93,19 @@ def register(state: State, frame: Frame, points: RingPoints) -> Alignment:
     if alignment.converged:
         if estimator.look:
             state.where, alignment = estimator.look(state.where, points, alignment, state.method.localisation)
+            _leap(state, float(alignment.T_pipe_camera[2, 3] - prior.T_pipe_camera[2, 3]))
         state.where = estimator.settle(state.where, alignment)
         if registration.grow:
             registration.grow(state.wall.seen, points, alignment)
     return alignment
+
+
+def _leap(state: State, along_mm: float) -> None:
+    """The distance was corrected: what the map has of the wall around the sensor goes along."""
+    moved_mm, begin_mm = shift_waiting(state.builder, along_mm)
+    if moved_mm:
+        ahead = ahead_mm(state.rig, state.pipe)
+        state.map_z_mm = [z + moved_mm if z + ahead >= begin_mm else z for z in state.map_z_mm]
 
 
 def estimator_of(method: Method) -> Estimator:
@@ -162,8 +174,9 @@ def mapped(state: State) -> tuple[Trajectory, WallMap]:
     look_back = estimator_of(state.method).look_back
     if look_back is None:
         return trajectory(state.results), wall
-    seen, path = look_back(state.where), trajectory(state.results)
-    wall = straightened(wall, path.T_pipe_camera[:, 2, 3], moves(state.results, seen), ahead_mm(state.rig, state.pipe))
+    seen, map_z_mm = look_back(state.where), np.array(state.map_z_mm)
+    of_map = moved_along(map_z_mm, moves(state.results, seen), seen)
+    wall = straightened(wall, map_z_mm, of_map, ahead_mm(state.rig, state.pipe))
     return trajectory(moved_results(state.results, seen)), wall
 
 
@@ -196,7 +209,10 @@ def axis_std(alignment: Alignment) -> Float[np.ndarray, "6"]:
     """How well a frame's own picture fixes each axis; infinite where it shows nothing, as along a bare wall."""
     if alignment.evidence is None or not alignment.converged:
         return np.full(6, np.inf)
-    return np.sqrt(np.diag(covariance(alignment.evidence)))
+    # roll about the pipe's axis, not about the camera's centre, which would go around with it
+    M, (x, y, _) = np.eye(6), alignment.T_pipe_camera[:3, 3]
+    M[:2, 5] = -y, x
+    return np.sqrt(np.diag(covariance(M.T @ alignment.evidence @ M)))
 
 
 def reconstruct(recording: Iterable[Frame], rig: Rig, pipe: NominalPipe, method: Method) -> Reconstruction:

@@ -134,10 +134,11 @@ class FrameResult:
 class Episode:
     """A stretch of the log that was not as it should be: who (a wheel, a sensor), from when to when, by how much.
 
-    The `amount` of a slip is the mm that the rim went more than the robot; of a gap, the seconds without a sample.
+    The `amount` of a slip is the mm that the rim went more than the robot; of a gap, the seconds without a
+    sample; of a joint from the list, the mm by which the distance was off there.
     """
 
-    kind: Literal["slip", "gap"]
+    kind: Literal["slip", "gap", "joint"]
     who: str
     start_ns: int
     end_ns: int

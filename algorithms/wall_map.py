@@ -135,6 +135,24 @@ def _by_block(xyz_camera, direction, sigma_mm, kept, T, grid):
     return first, ends, sorted_
 
 
+def shift_waiting(builder: MapBuilder, along_mm: float) -> tuple[float, float]:
+    """Move all points that still wait, by whole cells; how far, and from where on along the pipe they lay."""
+    _, along = builder.shape
+    rows = round(along_mm / builder.settings.cell_z_mm)
+    if not rows or not builder.waiting:
+        return 0.0, np.inf
+    before, builder.waiting = builder.waiting, {}
+    for block, parts in sorted(before.items()):
+        for points in parts:
+            column, row = np.divmod(points["cell"], along)
+            to_block, to_row = np.divmod(row + block * along + rows, along)
+            moved = points.copy()
+            moved["cell"] = column * along + to_row
+            for b in np.unique(to_block).tolist():
+                builder.waiting.setdefault(b, []).append(moved[to_block == b])
+    return rows * builder.settings.cell_z_mm, min(before) * along * builder.settings.cell_z_mm
+
+
 def _close(builder: MapBuilder, block: int) -> None:
     """Reduce a block's points to cells; a block that was closed before is joined by its weights."""
     around, along = builder.shape

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from algorithms.types import Defect, Reconstruction, Trajectory, WallMap
+from algorithms.types import Defect, Episode, Reconstruction, Trajectory, WallMap
 from sensor_model.geometry import clock_position, wall_direction, wxyz_from_rotation
 
 DEFECT_COLUMNS = (
@@ -31,7 +31,7 @@ DEFECT_COLUMNS = (
 
 
 def write_reconstruction(found: Reconstruction, folder: Path) -> None:
-    """Write trajectory, wall map, cloud, mesh and defect list."""
+    """Write trajectory, wall map, cloud, mesh, defect list and episodes."""
     folder.mkdir(parents=True, exist_ok=True)
     write_tum(found.trajectory, folder / "trajectory.tum")
     wall = found.wall
@@ -48,6 +48,18 @@ def write_reconstruction(found: Reconstruction, folder: Path) -> None:
     write_cloud(wall, found.deviation_mm, folder / "cloud.ply")
     write_mesh(wall, found.deviation_mm, folder / "wall_mesh.ply")
     write_defects(found.defects, folder / "defects.csv")
+    write_episodes(found.episodes, folder / "episodes.csv")
+
+
+def write_episodes(episodes: tuple[Episode, ...], file: Path) -> None:
+    """Slips, silences and ties to joints, a row each, in order of time."""
+    with file.open("w", newline="") as out:
+        rows = csv.writer(out)
+        rows.writerow(("kind", "who", "start_s", "end_s", "amount"))
+        for one in sorted(episodes, key=lambda one: (one.start_ns, one.who)):
+            rows.writerow(
+                [one.kind, one.who, f"{one.start_ns / 1e9:.3f}", f"{one.end_ns / 1e9:.3f}", f"{one.amount:.2f}"]
+            )
 
 
 def write_tum(path: Trajectory, file: Path) -> None:

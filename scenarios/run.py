@@ -6,12 +6,13 @@ import json
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from algorithms.localisation.gaps import log_gaps
 from algorithms.method import Method
 from algorithms.reconstruct import ReconstructionFailed, State, begin, finish, see, step
 from algorithms.types import Reconstruction
@@ -144,7 +145,9 @@ def _reconstructed(
             progress("reconstruct", index + 1, len(recording))
 
     state, tally = fold(scenario, truth, recording, watched())
-    return finish(state), tally, tuple(samples)
+    found = finish(state)
+    noted = tuple(episode for episode in found.episodes if episode.kind != "gap")
+    return replace(found, episodes=noted + log_gaps(recording)), tally, tuple(samples)
 
 
 def true_poses(truth: Truth, recording: Recording) -> np.ndarray:

@@ -7,8 +7,9 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from algorithms.localisation import accel, fused, paper, slip
+from algorithms.localisation import accel, featured, fused, paper, slip
 from algorithms.localisation.accel import AccelSettings
+from algorithms.localisation.featured import FeaturedSettings
 from algorithms.localisation.fused import FusedSettings
 from algorithms.localisation.paper import PaperSettings
 from algorithms.localisation.slip import SlipSettings
@@ -47,6 +48,18 @@ ESTIMATORS = {
         look_back=fused.look_back,
         episodes=fused.episodes,
     ),
+    "featured": Estimator(
+        FeaturedSettings,
+        featured.launch,
+        featured.advance,
+        featured.predict,
+        featured.settle,
+        look=featured.look,
+        look_back=featured.look_back,
+        episodes=featured.episodes,
+    ),
 }
 
-AnyEstimator = Annotated[PaperSettings | AccelSettings | SlipSettings | FusedSettings, Field(discriminator="kind")]
+AnyEstimator = Annotated[
+    PaperSettings | AccelSettings | SlipSettings | FusedSettings | FeaturedSettings, Field(discriminator="kind")
+]

@@ -62,10 +62,10 @@ def watch(
     late = (*(row for row in before.late if row[0] > horizon), (stamp_ns, slip))
     recent = np.abs(np.sum([row[1] for row in late], axis=0))
     over = before.named & (recent < settings.calm_mm)
-    named = (before.named & ~over) | (np.maximum(forward, backward) > settings.alarm_mm)
+    named = np.where(before.named, ~over, np.maximum(forward, backward) > settings.alarm_mm)
     episodes = list(before.episodes)
     for i in np.flatnonzero(named | before.named):
-        _write(episodes, int(i), slip.size - 1, stamp_ns, forward[i] - backward[i], bool(before.named[i]))
+        _write(episodes, int(i), slip.size - 1, stamp_ns, float(forward[i] - backward[i]), bool(before.named[i]))
     forward[over], backward[over] = 0.0, 0.0
     return replace(before, forward_mm=forward, backward_mm=backward, named=named, late=late, episodes=tuple(episodes))
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from algorithms.localisation.alarm import AlarmSettings, Watch, begin_watch, watch
@@ -24,7 +24,7 @@ from algorithms.localisation.fused_model import (
     transition,
     wheel_rows,
 )
-from algorithms.localisation.gaps import imu_gaps
+from algorithms.localisation.gaps import IMU_GAP_S, imu_gaps
 from algorithms.localisation.imu import along_axis_mm_s2, turning_rad_s
 from algorithms.localisation.inclined import gravity_row
 from algorithms.localisation.smoothing import Past, smoothed
@@ -45,16 +45,21 @@ AT_REST_MM = 0.02
 AT_REST_SIGMAS = 3.0
 
 
-class FusedSettings(Settings):
+class FilterSettings(Settings):
     """What the filter holds of IMU and wheels, of slip, and of how far tilt and offset move in a second."""
 
-    kind: Literal["fused"] = "fused"
     inertial: InertialSettings = InertialSettings()
     wheels: WheelSettings = WheelSettings()
     voting: VotingSettings = VotingSettings()
     alarm: AlarmSettings = AlarmSettings()
     offset_walk_mm: Positive = 4.0
     tilt_walk_deg: Positive = 2.0
+
+
+class FusedSettings(FilterSettings):
+    """The filter alone: the picture gives it tilt and offset, and nothing along the pipe."""
+
+    kind: Literal["fused"] = "fused"
 
 
 @dataclass(frozen=True)
@@ -76,10 +81,14 @@ class Fused:
     gaps: tuple[Episode, ...]
     past: list[Past]
     """Shared by the states of one log: each only adds to it."""
+    marks: tuple[Any, ...] = ()
+    """What stands in the state behind the wheels, two numbers each; `leaving` are those that go with the next step."""
+    leaving: tuple[int, ...] = ()
+    all_for_s: float = 0.0
 
 
 def launch(
-    frame: Frame, rig: Rig, launch_mm: float, axis_camera: Float[np.ndarray, "3"], settings: FusedSettings
+    frame: Frame, rig: Rig, launch_mm: float, axis_camera: Float[np.ndarray, "3"], settings: FilterSettings
 ) -> Fused:
     """The start of the log: roll by gravity, the camera's own upright where that says nothing."""
     x, P = first_belief(len(rig.wheels.diameters_mm), settings.inertial, settings.wheels)
@@ -117,7 +126,7 @@ class Felt(NamedTuple):
     gaps: tuple[Episode, ...]
 
 
-def advance(before: Fused, frame: Frame, rig: Rig, settings: FusedSettings) -> Fused:
+def advance(before: Fused, frame: Frame, rig: Rig, settings: FilterSettings) -> Fused:
     """One frame on: carried by the IMU, then corrected by the wheels that do not slip, by gravity and by rest."""
     dt = (frame.stamp_ns - before.stamp_ns) / 1e9
     distances = wheel_distances_mm(frame.counts, rig)
@@ -142,30 +151,39 @@ def advance(before: Fused, frame: Frame, rig: Rig, settings: FusedSettings) -> F
         force_mm_s2=force,
         across=_loosened(before.across, dt, settings),
         slips=slips,
+        all_for_s=before.all_for_s + dt if slips.all() else 0.0,
         watch=watched,
-        gaps=before.gaps + felt.gaps,
+        gaps=(*(gap for gap in before.gaps if gap.start_ns not in {new.start_ns for new in felt.gaps}), *felt.gaps),
+        marks=tuple(mark for k, mark in enumerate(before.marks) if k not in before.leaving),
+        leaving=(),
     )
 
 
-def _felt(before: Fused, frame: Frame, rate: np.ndarray, force: float | None, settings: FusedSettings) -> Felt:
+def _felt(before: Fused, frame: Frame, rate: np.ndarray, force: float | None, settings: FilterSettings) -> Felt:
     """Acceleration along the pipe between the middles of two frames, and the turn of this one by trapezoids."""
     forces = [value for value in (before.force_mm_s2, force) if value is not None]
     unfelt = 1e3 * (settings.inertial.unfelt_m_s2 if forces else UNFELT_M_S2)
     stamps, rates = frame.imu_stamps_ns, rate
     if before.turn is not None:
         stamps, rates = np.append(before.turn[0], stamps), np.append(before.turn[1], rates)
-    silent = imu_gaps(before.stamp_ns, frame.stamp_ns, frame.imu_stamps_ns)
-    unturned = UNTURNED_RAD_S * sum(gap.amount for gap in silent)
+    silent = imu_gaps(int(stamps[0]) if stamps.size else before.stamp_ns, frame.stamp_ns, frame.imu_stamps_ns)
+    unturned = UNTURNED_RAD_S * float(np.sqrt(sum(_silence2_s2(gap, before.stamp_ns) for gap in silent)))
     turned = 0.0
-    if rates.size:
+    if rate.size:
         inside = (stamps > before.stamp_ns) & (stamps < frame.stamp_ns)
         knots = np.concatenate([[before.stamp_ns], stamps[inside], [frame.stamp_ns]])
         turned = float(np.trapezoid(np.interp(knots, stamps, rates), knots) / 1e9)
     return Felt(float(np.mean(forces)) if forces else 0.0, unfelt, turned, unturned, silent)
 
 
+def _silence2_s2(gap: Episode, since_ns: int) -> float:
+    """By how much the square of a silence has grown: a robot that rolls in it goes on rolling."""
+    before = max((since_ns - gap.start_ns) / 1e9, 0.0)
+    return gap.amount**2 - (before**2 if before > IMU_GAP_S else 0.0)
+
+
 def _carried(
-    before: Fused, dt: float, rolled_mm: float, felt: Felt, settings: FusedSettings
+    before: Fused, dt: float, rolled_mm: float, felt: Felt, settings: FilterSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state a frame later, and the step remembered for the way back."""
     from filterpy.kalman import predict
@@ -174,25 +192,36 @@ def _carried(
     F, B = transition(n, dt, rolled_mm, settings.wheels)
     kept_slip = float(F[SLIP, SLIP])
     Q = process_noise(n, dt, felt.unfelt_mm_s2, felt.unturned_rad, kept_slip, settings.inertial, settings.wheels)
+    stays = _staying(before)
+    F, B, Q = F[stays], B[stays], Q[np.ix_(stays, stays)]
     x, P = predict(before.x, before.P, F=F, Q=Q, u=np.array([felt.force_mm_s2, felt.turned_rad / dt]), B=B)
     before.past.append(Past(before.x, before.P, F, x, P))
     return x, P
 
 
+def _staying(before: Fused) -> Int[np.ndarray, "m"]:
+    """Rows of the state without those of the marks that leave."""
+    first = SCALE + before.distances_mm.size
+    gone = [first + 2 * k + i for k in before.leaving for i in (0, 1)]
+    return np.setdiff1d(np.arange(before.x.size), gone)
+
+
 def _by_wheels(
-    before: Fused, x: np.ndarray, P: np.ndarray, rolled_mm: np.ndarray, dt: float, settings: FusedSettings
+    before: Fused, x: np.ndarray, P: np.ndarray, rolled_mm: np.ndarray, dt: float, settings: FilterSettings
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Corrected by each wheel's own rolling speed, but those of the wheels that slip."""
     speeds = rolled_mm / dt
     H, variance = wheel_rows(x.size, speeds, dt, settings.wheels)
-    named = before.watch.named
-    slips = slipping(speeds - H @ x, H @ P @ H.T, variance, before.slips, named[:-1] | named[-1], settings.voting)
+    # a wheel under alarm is not asked; all of them must be, or nobody would notice that they grip again
+    named = before.watch.named[:-1]
+    all_may = before.all_for_s < settings.voting.all_at_most_s
+    slips = slipping(speeds - H @ x, H @ P @ H.T, variance, before.slips, named, settings.voting, all_may)
     x, P = corrected(x, P, speeds, H, outvoted(slips, variance, settings.voting))
     return x, P, slips
 
 
 def _by_gravity(
-    x: np.ndarray, P: np.ndarray, frame: Frame, rig: Rig, axis: np.ndarray, rate_rad_s: float, settings: FusedSettings
+    x: np.ndarray, P: np.ndarray, frame: Frame, rig: Rig, axis: np.ndarray, rate_rad_s: float, settings: FilterSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     row = gravity_row(frame, rig, axis, x.size, rate_rad_s, settings.inertial)
     if row is None:
@@ -204,7 +233,7 @@ def _by_gravity(
 
 
 def _by_rest(
-    x: np.ndarray, P: np.ndarray, rate_rad_s: float, dt: float, settings: FusedSettings
+    x: np.ndarray, P: np.ndarray, rate_rad_s: float, dt: float, settings: FilterSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wheels that stand: what the gyroscope then says is its bias, unless it is so much that the robot must roll."""
     variance = settings.inertial.gyroscope_noise_density**2 / dt
@@ -225,7 +254,7 @@ def corrected(
     return x, (P + P.T) / 2
 
 
-def _loosened(across: np.ndarray, dt: float, settings: FusedSettings) -> np.ndarray:
+def _loosened(across: np.ndarray, dt: float, settings: FilterSettings) -> np.ndarray:
     """Information on offset and tilt a while later; what was not known stays unknown."""
     walk = np.array([settings.offset_walk_mm] * 2 + [np.radians(settings.tilt_walk_deg)] * 2) ** 2 * dt
     return across - across @ np.linalg.inv(across + np.diag(1 / walk)) @ across

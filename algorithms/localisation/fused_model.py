@@ -37,7 +37,7 @@ class InertialSettings(Settings):
     accelerometer_random_walk: Positive = 5.0e-4
     accelerometer_bias_m_s2: Positive = 0.02
     vibration_m_s2: Positive = 0.05
-    unfelt_m_s2: Positive = 0.05
+    unfelt_m_s2: Positive = 0.1
     slope_deg: Positive = 45.0
 
 
@@ -50,10 +50,10 @@ class WheelSettings(Settings):
     """
 
     scale_pct: tuple[Annotated[float, Field(gt=-20, lt=20)], ...] = ()
-    common_scale_std_pct: NotNegative = 0.5
+    common_scale_std_pct: NotNegative = 1.0
     scale_std_pct: Positive = 0.5
-    slip_std_pct: NotNegative = 0.1
-    slip_length_mm: Positive = 500.0
+    slip_std_pct: NotNegative = 0.3
+    slip_length_mm: Positive = 1000.0
     noise_mm: Positive = 0.01
     noise_mm_per_sqrt_m: Positive = 0.1
 

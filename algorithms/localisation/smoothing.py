@@ -31,8 +31,9 @@ def smoothed(
         scale = 1 / np.sqrt(np.diag(one.P_predicted).clip(1e-300))
         inverse = np.linalg.pinv(one.P_predicted * np.outer(scale, scale), rcond=1e-13, hermitian=True)
         gain = one.P @ one.F.T @ (inverse * np.outer(scale, scale))
-        x = one.x + gain @ (x - one.x_predicted)
-        P = one.P + gain @ (P - one.P_predicted) @ gain.T
+        n = one.x_predicted.size  # what a frame adds to its state stands behind what was predicted
+        x = one.x + gain @ (x[:n] - one.x_predicted)
+        P = one.P + gain @ (P[:n, :n] - one.P_predicted) @ gain.T
         states.append(x[:keep])
         covariances.append(P[:keep, :keep])
     return np.array(states[::-1]), np.array(covariances[::-1])

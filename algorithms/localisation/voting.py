@@ -17,11 +17,15 @@ STAYS = 0.9
 
 
 class VotingSettings(Settings):
-    """How rarely one wheel begins to slip in a frame, how rarely all do, and how fast a slipping rim may be."""
+    """How rarely one wheel begins to slip in a frame, how rarely all do, and how fast a slipping rim may be.
+
+    All are taken to slip for `all_at_most_s` in a row: so long the accelerometer alone can carry the robot on.
+    """
 
     one_begins: Annotated[float, Field(gt=0, lt=0.5)] = 1e-3
     all_begin: Annotated[float, Field(gt=0, lt=0.5)] = 1e-5
     slip_speed_mm_s: Annotated[float, Field(gt=1)] = 60.0
+    all_at_most_s: Annotated[float, Field(gt=0, le=10)] = 1.5
 
 
 @cache
@@ -42,6 +46,7 @@ def slipping(
     before: Bool[np.ndarray, "wheels"],
     named: Bool[np.ndarray, "wheels"],
     settings: VotingSettings,
+    all_may: bool = True,
 ) -> Bool[np.ndarray, "wheels"]:
     """The likeliest set of slipping wheels.
 
@@ -52,6 +57,7 @@ def slipping(
         before: those that slipped in the last frame, which tends to go on.
         named: those under alarm, which slip until the alarm is over.
         settings: how rare slip is.
+        all_may: whether all may slip together; not for longer than the accelerometer can bridge.
     """
     sets = hypotheses(innovation.size)
     sets = sets[~(named & ~sets).any(axis=1)]
@@ -60,7 +66,8 @@ def slipping(
     misfit = np.einsum("i,kij,j->k", innovation, np.linalg.inv(covariance), innovation)
     begins = np.where(before, STAYS, settings.one_begins)
     prior = np.log(np.where(sets, begins, 1 - begins)).sum(axis=1)
-    prior[-1] = np.log(STAYS if before.all() else settings.all_begin)
+    # a wheel under alarm explains a jerk that the accelerometer did not foresee: then the others are to be believed
+    prior[-1] = -np.inf if named.any() or not all_may else np.log(STAYS if before.all() else settings.all_begin)
     return sets[np.argmax(prior - 0.5 * (misfit + np.linalg.slogdet(covariance)[1]))]
 
 

@@ -10,7 +10,9 @@ import typer
 
 from scenarios.bench.commands_artefacts import register
 
-app = typer.Typer(help="Benchmark registration methods against each other and against the truth.", no_args_is_help=True)
+app = typer.Typer(
+    help="Benchmark registration methods and estimators against each other and against the truth.", no_args_is_help=True
+)
 register(app)
 
 Scenarios = Annotated[
@@ -35,6 +37,29 @@ Changes = Annotated[
 OutFolder = Annotated[
     Path | None, typer.Option("-o", "--out", metavar="DIR", help="Page and CSV.  [default: bench/registration-LEVEL]")
 ]
+
+
+@app.command()
+def localisation(
+    causes: Annotated[
+        list[str] | None, typer.Argument(metavar="[CAUSES]", help="Of the table's rows.  [default: all]")
+    ] = None,
+    seeds: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=1000, help="Drives a cause.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="CSV and JSON.  [default: bench/localisation]")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON: a row a drive and estimator.")] = False,
+) -> None:
+    """Compare estimators of distance and roll: which cause (slip, worn wheels, biases ...) hurts which of them."""
+    from scenarios.bench.localisation import bench, words
+    from scenarios.progress import Progress
+
+    out, progress = out or Path("bench") / "localisation", Progress()
+    try:
+        rows = bench(causes or [], seeds, out, 1, progress)
+    finally:
+        progress.close()
+    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\nrows: {out / 'localisation.csv'}")
 
 
 @app.command()

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from algorithms.types import Defect, Reconstruction, Trajectory, WallMap
-from scenarios.artefacts import DEFECT_COLUMNS, write_reconstruction
+from algorithms.types import Defect, Episode, Reconstruction, Trajectory, WallMap
+from scenarios.artefacts import DEFECT_COLUMNS, write_episodes, write_reconstruction
 
-FILES = {"trajectory.tum", "wall_map.npz", "cloud.ply", "wall_mesh.ply", "defects.csv"}
+FILES = {"trajectory.tum", "wall_map.npz", "cloud.ply", "wall_mesh.ply", "defects.csv", "episodes.csv"}
 AROUND, ALONG, BORE_MM = 36, 20, 76.2
 UNSEEN = (slice(10, 14), slice(5, 9))
 DENT = (slice(20, 25), slice(8, 12))
@@ -229,3 +229,13 @@ def test_the_same_reconstruction_gives_the_same_bytes(folder, found, tmp_path):
     write_reconstruction(found, tmp_path)
     for name in sorted(FILES):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_episodes_are_listed_in_order_of_time(tmp_path):
+    slip = Episode("slip", "wheel 2", 4_000_000_000, 5_500_000_000, -12.345)
+    gap = Episode("gap", "encoders0", 1_000_000_000, 2_000_000_000, 1.0)
+    write_episodes((slip, gap), tmp_path / "episodes.csv")
+    with (tmp_path / "episodes.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[1] == ["gap", "encoders0", "1.000", "2.000", "1.00"]
+    assert rows[2] == ["slip", "wheel 2", "4.000", "5.500", "-12.35"]

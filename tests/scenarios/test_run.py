@@ -54,6 +54,7 @@ FILES = {
     "reconstruction/cloud.ply",
     "reconstruction/wall_mesh.ply",
     "reconstruction/defects.csv",
+    "reconstruction/episodes.csv",
     "score.json",
     "report.html",
     "run.json",
