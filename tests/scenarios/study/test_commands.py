@@ -22,7 +22,8 @@ from scenarios.study.cache import Cache, entry_key
 from scenarios.study.conduct import facts_of
 
 LIKE_A_PERSON = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell that started us in the background switched off
 from functools import partial
 from scenarios.study import conduct
 conduct.How = partial(conduct.How, make="standin:maker")
