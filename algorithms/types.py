@@ -89,6 +89,15 @@ class WallMap:
         """Cells with at least one point."""
         return self.count > 0
 
+    @property
+    def cell_z_mm(self) -> float:
+        """Length of a cell along the pipe; 1 mm where a single row leaves it open."""
+        return float(self.z_mm[1] - self.z_mm[0]) if self.z_mm.size > 1 else 1.0
+
+    def cell_arc_mm(self, inner_radius_mm: float) -> float:
+        """Width of a cell around a bore."""
+        return inner_radius_mm * 2 * np.pi / self.theta_rad.size
+
     def scanned(self) -> slice:
         """Columns from the first to the last z at which at least half of the circumference was seen."""
         rows = np.flatnonzero(self.seen.mean(axis=0) >= 0.5)
@@ -97,7 +106,11 @@ class WallMap:
 
 @dataclass(frozen=True)
 class Defect:
-    """One measured defect; standard deviations beside the sizes."""
+    """One measured defect; standard deviations beside the sizes.
+
+    Where no light reached the floor (`floor_seen` is false) depth, wall loss and volume are least ones. The volume is
+    that of the seen cells; `feature_class` is the Pipeline Operators Forum's, for information.
+    """
 
     start_mm: float
     length_mm: float
@@ -111,6 +124,10 @@ class Defect:
     unseen_share: float
     seen_cells: int
     cut_by_scan_end: bool
+    floor_seen: bool = True
+    volume_mm3: float = float("nan")
+    feature_class: str = ""
+    disposition: str = ""
 
     @property
     def distance_mm(self) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.cluster.vq import kmeans
 
-from algorithms.sizing.measure import segment
+from algorithms.sizing.segment import segment
 from algorithms.types import Reconstruction, WallMap
 from scenarios.equations import err_pct
 from twin.features.base import Feature

@@ -22,7 +22,7 @@ def deviation_mm(wall: WallMap) -> Float[np.ndarray, "around along"]:
     that neither a defect nor a slightly wrong calibration is taken for the other.
     """
     deviation = np.full(wall.radius_mm.shape, np.nan)
-    cell_mm = wall.z_mm[1] - wall.z_mm[0] if wall.z_mm.size > 1 else 1.0
+    cell_mm = wall.cell_z_mm
     half, step = round(BLOCK_MM / cell_mm / 2), max(round(BLOCK_MM / cell_mm / 4), 1)
     shape = _shape(wall.theta_rad)
     for first in range(0, wall.z_mm.size, step):
@@ -139,7 +139,7 @@ def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Flo
     scan ends or the strut passed. How large it all is, is not: that is taken from the map, robustly around the wall and
     in a window along it.
     """
-    cell_mm = wall.z_mm[1] - wall.z_mm[0] if wall.z_mm.size > 1 else 1.0
+    cell_mm = wall.cell_z_mm
     half = max(round(NOISE_WINDOW_MM / cell_mm / 2), 1)
     level = spreads_along((deviation / wall.sigma_mm).T.copy(), half)
     return (level.astype(wall.sigma_mm.dtype) * wall.sigma_mm).astype(np.float64)

@@ -12,7 +12,8 @@ from scipy.sparse.csgraph import connected_components
 
 from algorithms.robust import spread
 from algorithms.sizing.background import deviation_mm, median_near, noise_mm, seen_medians, smooth_from, spreads_along
-from algorithms.sizing.measure import SizingSettings, measure_defects, numbered, segment
+from algorithms.sizing.measure import SizingSettings, measure_defects
+from algorithms.sizing.segment import numbered, segment
 from algorithms.sizing.thresholds import THRESHOLDS, ThresholdSettings
 from algorithms.types import WallMap
 from sensor_model.recording import NominalPipe
