@@ -9,6 +9,7 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from algorithms.sizing.disposition import at_least
 from algorithms.types import Defect, Episode, Reconstruction, Trajectory, WallMap
 from sensor_model.geometry import clock_position, wall_direction, wxyz_from_rotation
 
@@ -27,6 +28,11 @@ DEFECT_COLUMNS = (
     "wall_loss_pct",
     "unseen_share",
     "cut_by_scan_end",
+    "floor_seen",
+    "depth_at_least_mm",
+    "volume_mm3",
+    "feature_class",
+    "disposition",
 )
 
 
@@ -91,6 +97,11 @@ def write_defects(defects: tuple[Defect, ...], file: Path) -> None:
                     f"{d.wall_loss_pct:.1f}",
                     f"{d.unseen_share:.3f}",
                     int(d.cut_by_scan_end),
+                    int(d.floor_seen),
+                    f"{at_least(d.depth_mm, d.depth_std_mm):.3f}",
+                    f"{d.volume_mm3:.1f}",
+                    d.feature_class,
+                    d.disposition,
                 ]
             )
 

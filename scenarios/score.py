@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
 
+from algorithms.sizing.disposition import at_least
 from algorithms.types import FrameResult, Reconstruction, WallMap
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
 from scenarios.matching import match
@@ -36,6 +37,8 @@ class Score:
     width_error_mm_max: float | None
     depth_error_mm_max: float | None
     depth_bias_mm: float | None
+    floors_not_seen: int
+    at_least_wrong: int
     eq29_err_pct_max: float | None
     eq29_oracle_err_pct_max: float | None
     eq30_error_pct_max: float | None
@@ -66,8 +69,10 @@ MEANINGS = {
     "false_calls": "calls that match no true defect",
     "length_error_mm_max": "largest error of length (axial, at half depth), blind sizing",
     "width_error_mm_max": "largest error of width (arc, at half depth), blind sizing",
-    "depth_error_mm_max": "largest error of the largest depth",
-    "depth_bias_mm": "mean signed error of depth",
+    "depth_error_mm_max": "largest error of the largest depth, where the floor was seen",
+    "depth_bias_mm": "mean signed error of depth, where the floor was seen",
+    "floors_not_seen": "found defects to whose floor no light came: their depth is a least one",
+    "at_least_wrong": "of them less deep than the stated least depth",
     "eq29_err_pct_max": "Eq. 29, blind, worst defect",
     "eq29_oracle_err_pct_max": "Eq. 29 with the threshold chosen by the TRUE size (oracle), worst defect",
     "eq30_error_pct_max": "Eq. 30, worst defect",
@@ -243,14 +248,18 @@ def _defects(found: Reconstruction, pipe: Pipe) -> dict:
     measured = np.array([[d.length_mm, d.width_mm, d.depth_mm] for _, d, _ in rows]).reshape(-1, 3)
     true = np.array([list(size) for size, _, _ in rows]).reshape(-1, 3)
     error = measured - true
+    lit = np.array([defect.floor_seen for _, defect, _ in rows], dtype=bool)
+    least = [size.depth_mm < at_least(d.depth_mm, d.depth_std_mm) for size, d, _ in rows if not d.floor_seen]
     return {
         "defects_true": len(pipe.features),
         "defects_found": len(pairs),
         "false_calls": len(found.defects) - len(pairs),
         "length_error_mm_max": _worst(list(error[:, 0])),
         "width_error_mm_max": _worst(list(error[:, 1])),
-        "depth_error_mm_max": _worst(list(error[:, 2])),
-        "depth_bias_mm": float(error[:, 2].mean()) if rows else None,
+        "depth_error_mm_max": _worst(list(error[lit, 2])),
+        "depth_bias_mm": float(error[lit, 2].mean()) if lit.any() else None,
+        "floors_not_seen": int(np.sum(~lit)),
+        "at_least_wrong": sum(least),
         "eq29_err_pct_max": _worst([err_pct(m[0], m[1], t[0], t[1]) for m, t in zip(measured, true, strict=True)]),
         "eq29_oracle_err_pct_max": _worst(oracle_err_pct(pipe, [feature for _, _, feature in rows], found)),
         "eq30_error_pct_max": _worst([error_pct(m, t) for m, t in zip(measured, true, strict=True)]),

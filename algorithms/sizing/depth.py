@@ -17,11 +17,11 @@ NEAR_DEEPEST_SHARE, DEEPEST_PERCENTILE = 0.8, 90.0
 PERCENTILE_SIGMAS = 1.2816  # how far that percentile lies above the mean of a flat floor's noise
 ABOVE_PERCENTILE = 0.25  # a bowl's depths are even over its area: a quarter of median to percentile lies beyond it
 CELL_LOSS = 1.6  # a cell's own median takes a part again of what the smoothing over nine cells takes
-LOSS_OPEN = 0.6  # of such a correction, one standard deviation
+LOSS_OPEN = 0.9  # of such a correction, one standard deviation
 SMOOTHED_CELLS = 9  # cells that share their points' noise
 RUN_MM = 3.0  # a floor stays level for so long behind a shadow
 LEVEL_SHARE = 0.07  # of the depth: a floor that drops by less over that run is level
-BORE_STD_MM = 0.015  # the local bore, from which depth is counted
+BORE_STD_MM = 0.018  # the local bore, from which depth is counted
 
 
 class Floor(NamedTuple):

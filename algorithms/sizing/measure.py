@@ -19,6 +19,8 @@ from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
+TRAVEL_STD_SHARE = 0.003  # of a length: what wheels that slip or fall into the defect leave open of the travel
+
 
 class SizingSettings(Settings):
     """Threshold, the gap over which cells are joined, the smallest defect that is called, and the user's limit.
@@ -131,7 +133,7 @@ def measure_one(
         depth_mm=depth.depth_mm,
         theta_rad=float(np.mod(wall.theta_rad[0] + turn, 2 * np.pi)),
         wall_loss_pct=loss,
-        length_std_mm=axial.std_mm,
+        length_std_mm=float(np.hypot(axial.std_mm, TRAVEL_STD_SHARE * length)),
         width_std_mm=arc.std_mm,
         depth_std_mm=depth.std_mm,
         unseen_share=float(np.mean(~np.isfinite(box))),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from math import isfinite, radians
 
+from algorithms.sizing.disposition import at_least
 from scenarios.report.comparison import Quantity, Row, quantities
 from scenarios.report.numbers import NONE, fixed, score_figure, signed
 from scenarios.report.statements import flat
@@ -15,7 +16,7 @@ from sensor_model.geometry import clock_position
 GROUPS = {
     "Defects found and sized (blind)": (
         "defects_true defects_found false_calls length_error_mm_max width_error_mm_max depth_error_mm_max "
-        "depth_bias_mm not_seen_share clock_spread_deg"
+        "depth_bias_mm floors_not_seen at_least_wrong not_seen_share clock_spread_deg"
     ),
     "The paper's figures of size": "eq29_err_pct_max eq29_oracle_err_pct_max eq30_error_pct_max eq32_quality_pct",
     "Pose against the truth": "center_rms_mm tilt_rms_deg roll_rms_deg roll_max_deg distance_error_pct",
@@ -32,6 +33,7 @@ NOTES = {
 }
 UNITS = {"distance": "mm", "clock": "h:mm", "length": "mm", "width": "mm", "depth": "mm", "wall loss": "%"}
 DECIMALS = {"distance": 1, "length": 1, "width": 1, "depth": 2, "wall loss": 1}
+INFORMATIVE = "informative in plastic"
 NO_CLOCK_SPREAD = "fewer than two found defects share a clock position"
 
 
@@ -99,10 +101,14 @@ def _remarks(run: Run, row: Row) -> list[str]:
     if d is not None:
         if d.unseen_share > 0:
             said.append(f"{100 * d.unseen_share:.0f} % of its box not seen")
+        if not d.floor_seen:
+            least = at_least(d.depth_mm, d.depth_std_mm)
+            said.append(f"depth at least {fixed(least, DECIMALS['depth'])} mm, its floor was not seen")
         if d.cut_by_scan_end:
             said.append("cut by the end of the scan, its length is a lower bound")
         if not all(map(isfinite, (d.length_mm, d.width_mm, d.depth_mm))):
             said.append("n/a: an edge was not seen")
+        said += [text for text in (d.disposition, d.feature_class and f"{d.feature_class} (POF class, {INFORMATIVE})") if text]
     pipe = run.truth.pipe
     if row.feature is not None and row.feature.size(pipe.bore_radius_mm).depth_mm >= pipe.wall_mm - 1e-6:
         said.append(
