@@ -131,7 +131,9 @@ def judged(scenario: Scenario, order: list[str], path: Trajectory, wall: WallMap
 def table(every: list[Sized | Defect]) -> str:
     """A line a kind: n, misses, and of length, width and depth the median and worst error and the coverage."""
     said = [one for one in every if isinstance(one, Sized)]
-    lines = [f"{'kind':34s} {'n':>3} miss  length: med worst cov%   width: med worst cov%   depth: bias worst cov%  10% WT"]
+    lines = [
+        f"{'kind':34s} {'n':>3} miss  length: med worst cov%   width: med worst cov%   depth: bias worst cov%  10% WT"
+    ]
     for name in [*dict.fromkeys(one.kind for one in said), "all"]:
         ours = [one for one in said if name in (one.kind, "all")]
         found = [one for one in ours if one.found is not None]

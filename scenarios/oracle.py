@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from scipy.cluster.vq import kmeans
 
 from algorithms.sizing.segment import segment
@@ -14,6 +14,7 @@ from twin.pipe import Pipe
 
 CLUSTERS = 10
 SAMPLES = 20_000
+JOIN_MM = 3.0
 
 
 def oracle_err_pct(pipe: Pipe, features: list[Feature], found: Reconstruction) -> list[float]:
@@ -23,14 +24,24 @@ def oracle_err_pct(pipe: Pipe, features: list[Feature], found: Reconstruction) -
     """
     if not features:
         return []
-    seen = found.deviation_mm[np.isfinite(found.deviation_mm)]
-    start = np.linspace(seen.min(), seen.max(), CLUSTERS + 2)[1:-1]
-    thin = seen[:: max(seen.size // SAMPLES, 1)]
     best = np.full(len(features), 100.0)
-    for threshold in np.sort(kmeans(thin, start)[0]):
-        labels = segment(found.deviation_mm > threshold, found.wall, pipe.bore_radius_mm, join_mm=3.0)
+    for threshold in cluster_means(found):
+        labels = segment(found.deviation_mm > threshold, found.wall, pipe.bore_radius_mm, JOIN_MM)
         best = np.minimum(best, [_err_pct(pipe, feature, found.wall, labels) for feature in features])
     return [float(smallest) for smallest in best]
+
+
+def cluster_means(found: Reconstruction) -> Float[np.ndarray, "clusters"]:
+    """The means M_1 .. M_N of the intensity clusters of a map, ascending, mm."""
+    seen = found.deviation_mm[np.isfinite(found.deviation_mm)]
+    start = np.linspace(seen.min(), seen.max(), CLUSTERS + 2)[1:-1]
+    return np.sort(kmeans(seen[:: max(seen.size // SAMPLES, 1)], start)[0])
+
+
+def group_err_pct(pipe: Pipe, feature: Feature, found: Reconstruction, threshold_mm: float) -> float:
+    """Eq. 29 of one feature by one threshold; infinite where nothing of it lies beyond."""
+    labels = segment(found.deviation_mm > threshold_mm, found.wall, pipe.bore_radius_mm, JOIN_MM)
+    return _err_pct(pipe, feature, found.wall, labels)
 
 
 def _err_pct(pipe: Pipe, feature: Feature, wall: WallMap, labels: Int[np.ndarray, "around along"]) -> float:
@@ -44,5 +55,5 @@ def _err_pct(pipe: Pipe, feature: Feature, wall: WallMap, labels: Int[np.ndarray
         return float("inf")
     cells = labels == np.bincount(numbers).argmax()
     z, arc = wall.z_mm[cells.any(axis=0)], from_middle[cells.any(axis=1)]
-    cell = wall.z_mm[1] - wall.z_mm[0], 2 * np.pi * pipe.bore_radius_mm / wall.theta_rad.size
-    return err_pct(np.ptp(z) + cell[0], np.ptp(arc) + cell[1], size.length_mm, size.width_mm)
+    cell_arc = wall.cell_arc_mm(pipe.bore_radius_mm)
+    return err_pct(np.ptp(z) + wall.cell_z_mm, np.ptp(arc) + cell_arc, size.length_mm, size.width_mm)

@@ -1,5 +1,4 @@
-"""How deep a defect is: its deepest floor, freed of what noise and smoothing do to a largest value, and whether any
-light reached that floor at all."""
+"""How deep a defect is, freed of what noise and smoothing do to a largest value, and whether its floor was lit."""
 
 from __future__ import annotations
 

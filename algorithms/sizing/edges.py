@@ -60,12 +60,16 @@ def edges_of(
     starts = []
     for k, (before, first, _, _) in zip(lines, wall, strict=True):
         reach = deviation[k, first] * shadow
-        if before >= 0 and GAP_MM / cell_mm < first - before < reach + lost and _is_shadow(deviation[k], before, first, shadow):
+        if (
+            before >= 0
+            and GAP_MM / cell_mm < first - before < reach + lost
+            and _is_shadow(deviation[k], before, first, shadow)
+        ):
             starts.append(_rim(before, first, reach, foot, level * shadow))
         else:
             starts.append(_crossing(deviation[k], before, first, level, lost))
-    starts = np.array(starts)
-    return Edges(starts[:, 0], ends[:, 0], starts[:, 1], ends[:, 1])
+    start, start_std = np.array(starts).T
+    return Edges(start, ends[:, 0], start_std, ends[:, 1])
 
 
 def _wall_beside(deviation: np.ndarray, floor: np.ndarray) -> tuple[int, int, int, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -119,6 +120,80 @@ def fig16(out: OutFolder = None, as_json: AsJson = False) -> None:
     out = out or Path("paper") / "fig16"
     rows = run_fig16(out)
     print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\npicture: {out / 'fig16.png'}")
+
+
+@app.command()
+def table2(
+    seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
+) -> None:
+    """Table 2: one defect sized blind in six robot scans, beside the paper's six."""
+    from scenarios.paper.table2 import run_table2, words
+
+    _sized("table2.csv", run_table2, words, (fidelity, seed, out, jobs), as_json)
+
+
+@app.command()
+def table4(
+    seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
+) -> None:
+    """Table 4: the depth of pockets that take 100, 75, 50 and 25 % of the wall, three scans, beside the paper's."""
+    from scenarios.paper.table4 import run_table4, words
+
+    _sized("table4.csv", run_table4, words, (fidelity, seed, out, jobs), as_json)
+
+
+@app.command()
+def fig14(
+    seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
+) -> None:
+    """Figure 14: the paper's threshold search, which needs the true size, beside the blind one."""
+    from scenarios.paper.fig14 import run_fig14, words
+
+    _sized("fig14.png", run_fig14, words, (fidelity, seed, out, jobs), as_json)
+
+
+@app.command()
+def fig15(
+    seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
+) -> None:
+    """Figure 15: the depth of one defect from its own background."""
+    from scenarios.paper.fig15 import run_fig15, words
+
+    _sized("fig15.png", run_fig15, words, (fidelity, seed, out, jobs), as_json)
+
+
+@app.command()
+def fig17(
+    seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
+) -> None:
+    """Figure 17: how pockets of falling depth show in the map."""
+    from scenarios.paper.fig17 import run_fig17, words
+
+    _sized("fig17.png", run_fig17, words, (fidelity, seed, out, jobs), as_json)
+
+
+@app.command()
+def fig18(
+    seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, as_json: AsJson = False, jobs: Jobs = None
+) -> None:
+    """Figure 18: scratches of different shape and depth, true beside measured."""
+    from scenarios.paper.fig18 import run_fig18, words
+
+    _sized("fig18.png", run_fig18, words, (fidelity, seed, out, jobs), as_json)
+
+
+def _sized(file: str, run: Callable, words: Callable, asked: tuple, as_json: bool) -> None:
+    """Scan and size as a table or a figure asks, and print its rows and where its file is."""
+    from scenarios.progress import Progress
+
+    fidelity, seed, out, jobs = asked
+    out, progress = out or Path("paper") / Path(file).stem, Progress()
+    try:
+        rows = run(fidelity, seed, out, jobs or _cores(), progress)
+    finally:
+        progress.close()
+    what = "rows" if file.endswith(".csv") else "picture"
+    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\n{what}: {out / file}")
 
 
 def _cores() -> int:

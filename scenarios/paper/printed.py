@@ -21,3 +21,9 @@ TABLE_3_STANDARD_MM = {"length": 0.79, "width": 0.54, "depth": 0.62}
 TABLE_3_EXPANDED_MM = {"length": 1.55, "width": 1.05, "depth": 1.22}
 TABLE_3_MEAN_MM = {"length": 70.5, "width": 33.7, "depth": 6.1}
 TABLE_3_K = 1.96
+
+# Table 4: three measurements of each depth
+TABLE_4_LOSS_PCT = (75.0, 50.0, 25.0)
+TABLE_4_DEPTH_MM = (5.63, 3.75, 1.88)
+TABLE_4_ESTIMATE_MM = (5.2, 2.7, 1.2)
+TABLE_4_QUALITY_PCT = (88.5, 72.0, 63.5)  # Eq. 32

@@ -108,7 +108,11 @@ def _remarks(run: Run, row: Row) -> list[str]:
             said.append("cut by the end of the scan, its length is a lower bound")
         if not all(map(isfinite, (d.length_mm, d.width_mm, d.depth_mm))):
             said.append("n/a: an edge was not seen")
-        said += [text for text in (d.disposition, d.feature_class and f"{d.feature_class} (POF class, {INFORMATIVE})") if text]
+        said += [
+            text
+            for text in (d.disposition, d.feature_class and f"{d.feature_class} (POF class, {INFORMATIVE})")
+            if text
+        ]
     pipe = run.truth.pipe
     if row.feature is not None and row.feature.size(pipe.bore_radius_mm).depth_mm >= pipe.wall_mm - 1e-6:
         said.append(
