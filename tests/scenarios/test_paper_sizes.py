@@ -56,7 +56,7 @@ def test_a_scan_s_row_stands_beside_the_paper_s(scan):
 
 def test_a_missed_defect_fails_by_name(scan):
     blind = scan._replace(found=scan.found.__class__(**{**vars(scan.found), "defects": ()}))
-    with pytest.raises(RunFailed, match="at 250.0 mm was not found"):
+    with pytest.raises(RunFailed, match=r"at 250\.0 mm was not found"):
         table2.row_of(1, blind)
     with pytest.raises(RunFailed, match="found in 0 of 1 scans"):
         table4.rows_of([blind])

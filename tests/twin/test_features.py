@@ -19,6 +19,11 @@ EXAMPLES = [
     {"kind": "scratch", "path_length_mm": 60, "width_mm": 4, "depth_mm": 2},
     {"kind": "scratch", "path_length_mm": 60, "width_mm": 4, "depth_mm": 2, "heading_deg": 35},
     {"kind": "scratch", "path_length_mm": 60, "width_mm": 4, "depth_mm": 2, "heading_deg": -90},
+    {"kind": "scratch", "path_length_mm": 60, "width_mm": 4, "depth_mm": 2, "heading_deg": 20, "end_depth_mm": 0.4},
+    {"kind": "scratch", "path_length_mm": 60, "width_mm": 4, "depth_mm": 2, "branch_length_mm": 25},
+    {"kind": "pit", "diameter_mm": 3, "depth_mm": 1.5},
+    {"kind": "corrosion", "length_mm": 60, "width_mm": 40, "depth_mm": 3},
+    {"kind": "corrosion", "length_mm": 30, "width_mm": 50, "depth_mm": 4, "grain_mm": 5, "seed": 7},
 ]
 IDS = [f"{e['kind']}-{i}" for i, e in enumerate(EXAMPLES)]
 

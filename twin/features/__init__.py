@@ -7,15 +7,16 @@ from typing import Annotated
 from numba import njit
 from pydantic import Field
 
-from twin.features import pit, pocket, scratch
+from twin.features import corrosion, pit, pocket, scratch
+from twin.features.corrosion import Corrosion
 from twin.features.pit import Pit
 from twin.features.pocket import Pocket
 from twin.features.scratch import Scratch
 
-FAMILIES = {"pocket": Pocket, "pit": Pit, "scratch": Scratch}
+FAMILIES = {"pocket": Pocket, "pit": Pit, "scratch": Scratch, "corrosion": Corrosion}
 CODES = {kind: code for code, kind in enumerate(FAMILIES)}
 
-AnyFeature = Annotated[Pocket | Pit | Scratch, Field(discriminator="kind")]
+AnyFeature = Annotated[Pocket | Pit | Scratch | Corrosion, Field(discriminator="kind")]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -25,4 +26,6 @@ def feature_depth_mm(code, dz, arc, row, inner_radius):
         return pocket.depth_mm(dz, arc, row, inner_radius)
     if code == 1:
         return pit.depth_mm(dz, arc, row, inner_radius)
-    return scratch.depth_mm(dz, arc, row, inner_radius)
+    if code == 2:
+        return scratch.depth_mm(dz, arc, row, inner_radius)
+    return corrosion.depth_mm(dz, arc, row, inner_radius)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import Field
 
 from sensor_model.geometry import wrap_rad
 from sensor_model.settings import ClockDeg, Settings
 
-ROW_LENGTH = 10
+ROW_LENGTH = 14
 CENTER_Z, CENTER_THETA, HALF_BOX_Z, HALF_BOX_ARC, FIRST_OWN = range(5)
 
 
@@ -20,6 +21,28 @@ class TrueSize(NamedTuple):
     length_mm: float
     width_mm: float
     depth_mm: float
+
+
+def shape_of(
+    depth_mm: Float[np.ndarray, "z arc"], z_mm: Float[np.ndarray, "z"], arc_mm: Float[np.ndarray, "arc"]
+) -> tuple[TrueSize, float, float]:
+    """Size of a shape that has no closed form, from its depth on a fine grid; and the middle of its extents."""
+    deepest = float(depth_mm.max())
+    z_from, z_to = _ends(depth_mm.max(axis=1) - deepest / 2, z_mm)
+    arc_from, arc_to = _ends(depth_mm.max(axis=0) - deepest / 2, arc_mm)
+    size = TrueSize(z_to - z_from, arc_to - arc_from, deepest)
+    return size, (z_from + z_to) / 2, (arc_from + arc_to) / 2
+
+
+def _ends(over: Float[np.ndarray, "n"], place_mm: Float[np.ndarray, "n"]) -> tuple[float, float]:
+    """First and last zero of a profile, between the places of the grid."""
+    inside = np.flatnonzero(over >= 0).tolist()
+
+    def crossing(outside: int, within: int) -> float:
+        share = over[outside] / (over[outside] - over[within])
+        return float(place_mm[outside] + share * (place_mm[within] - place_mm[outside]))
+
+    return crossing(inside[0] - 1, inside[0]), crossing(inside[-1] + 1, inside[-1])
 
 
 class Feature(Settings):
