@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from algorithms.reconstruct import mapped, see, sized
 from algorithms.sizing.disposition import at_least
@@ -128,6 +129,17 @@ def judged(scenario: Scenario, order: list[str], path: Trajectory, wall: WallMap
     yield from (defect for j, defect in enumerate(found.defects) if j not in pairs.values())
 
 
+def clean(seed: int, drive: str, changes: list[str]) -> tuple[float, int]:
+    """Metres of bare wall that were seen, and what was called on them."""
+    scenario, _ = sheet(seed, list(KINDS), drive, changes)
+    bare = type(scenario.pipe).model_validate({**scenario.pipe.model_dump(), "features": []})
+    scenario = scenario.model_copy(update={"pipe": bare})
+    path, wall = scan(scenario)
+    scanned = wall.z_mm[wall.scanned()]
+    found = sized(path, wall, scenario.rig, nominal_pipe(scenario), scenario.method)
+    return float(np.ptp(scanned)) / 1000, len(found.defects)
+
+
 def table(every: list[Sized | Defect]) -> str:
     """A line a kind: n, misses, and of length, width and depth the median and worst error and the coverage."""
     said = [one for one in every if isinstance(one, Sized)]
@@ -162,9 +174,17 @@ def main() -> None:
     words = argparse.ArgumentParser(description=__doc__)
     words.add_argument("--drive", choices=("gantry", "robot"), default="gantry")
     words.add_argument("--sheets", type=int, default=4, help="pipes of 24 defects each, 16 with the robot")
+    words.add_argument("--clean", action="store_true", help="scan bare wall instead, about 1.3 m a sheet")
     words.add_argument("--only", default="", help="kinds that hold this word")
     words.add_argument("--set", nargs="*", default=[], help="settings, as in `pipetwin run --set`")
     asked = words.parse_args()
+    if asked.clean:
+        passes = [clean(seed, asked.drive, asked.set) for seed in range(asked.sheets)]
+        metres, calls = (sum(part) for part in zip(*passes, strict=True))
+        # Poisson, exact, one-sided 95 %
+        most = chi2.ppf(0.95, 2 * (calls + 1)) / 2 / metres
+        print(f"{metres:.1f} m of bare wall, {calls} false calls; at most {most:.4f} a metre (95 %)")
+        return
     kinds = [name for name in KINDS if asked.only in name]
     every: list[Sized | Defect] = []
     for seed in range(asked.sheets):

@@ -14,6 +14,8 @@ LOST_MM = 7.0  # over so much unseen wall nothing is drawn
 CELL_SHARE = 0.2  # of a cell: the least that a line between two cells leaves open of an edge's place
 NEAR_SIGMAS = 2.0  # lines within so many standard deviations of the outermost edge belong to it
 MOST_WORN = 0.8  # cells
+STRAY_SHARE = 0.15  # of all lines: so many may be stray
+STRAY_SIGMAS, STRAY_STEPS = 4.0, 3.0  # apart by more than so much noise, and so many steps from line to line
 TIP_SHARE = 0.25  # of the step from line to line: where between two lines a tip lies
 RIM_SHARE = 0.3  # of the level: a side wall that has risen so far is near its rim
 SHADOW_SHARE = 0.6  # of a shadow's depth: what lies less deep behind a gap lies in no shadow
@@ -143,7 +145,7 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     neither out nor in; a round or pointed one gives its tip.
     """
     noise = max(_line_noise(edge), CELL_SHARE)
-    place = float(_without_strays(edge).min())
+    place = _first_supported(edge, noise)
     for _ in range(ROUNDS):
         near = np.abs(edge - place) <= NEAR_SIGMAS * noise
         if not near.any():
@@ -160,12 +162,19 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     return place - worn, float(np.sqrt(known + steps**2 + (0.5 * worn) ** 2))
 
 
-def _without_strays(edge: Float[np.ndarray, "lines"]) -> Float[np.ndarray, "lines"]:
-    """Median of three neighbouring lines; the first and the last, which may be a tip, as they are."""
+def _first_supported(edge: Float[np.ndarray, "lines"], noise: float) -> float:
+    """The smallest edge that is no stray: a line between two others, or a few that stand apart from all others.
+
+    The first and the last line may be a tip, to which the others lead up.
+    """
     if edge.size < 3:
-        return edge
-    middle = np.median(np.stack([edge[:-2], edge[1:-1], edge[2:]]), axis=0)
-    return np.concatenate([edge[:1], middle, edge[-1:]])
+        return float(edge.min())
+    between = np.median(np.stack([edge[:-2], edge[1:-1], edge[2:]]), axis=0)
+    ordered = np.sort(np.concatenate([edge[:1], between, edge[-1:]]))
+    step = float(np.median(np.abs(np.diff(edge))))
+    few = int(STRAY_SHARE * edge.size)
+    apart = np.flatnonzero(np.diff(ordered[: few + 1]) > max(STRAY_SIGMAS * noise, STRAY_STEPS * step))
+    return float(ordered[apart[-1] + 1 if apart.size else 0])
 
 
 def _line_noise(edge: Float[np.ndarray, "lines"]) -> float:

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from algorithms.robust import spread
 from algorithms.sizing.background import deviation_mm, median_near, noise_mm, seen_medians, smooth_from, spreads_along
+from algorithms.sizing.disposition import at_least, disposition
 from algorithms.sizing.measure import SizingSettings, measure_defects
 from algorithms.sizing.segment import numbered, segment
 from algorithms.sizing.thresholds import THRESHOLDS, ThresholdSettings
@@ -194,3 +195,138 @@ def test_groups_are_those_that_scipy_labels_on_a_ring(seed):
     found = numbered(deep, int(arc), int(along))
     pairs = set(zip(expected.ravel(), found.ravel(), strict=True))
     assert len(pairs) == np.unique(expected).size == np.unique(found).size
+
+
+def _hidden_start(start, run, half_deg=30):
+    """Cells that the near rim keeps in the dark, from a start on."""
+    return lambda theta, z: (np.abs(np.degrees(theta) - 120) < half_deg) & (z > start) & (z < start + run)
+
+
+def test_a_floor_that_was_lit_is_said_to_be_so_behind_a_shadow():
+    (found,) = _measure(_map(_pipe(POCKET), hide=_hidden_start(114, 12)))
+    assert found.floor_seen
+    assert found.depth_mm == pytest.approx(7.5, abs=0.05)
+
+
+def test_a_floor_in_the_dark_has_a_least_depth_only():
+    cone = {**CONE, "depth_mm": 6}
+    (found,) = _measure(_map(_pipe(cone), hide=_hidden_start(130, 23)))
+    assert not found.floor_seen
+    assert at_least(found.depth_mm, found.depth_std_mm) < 6
+    assert found.depth_mm < 5.8
+
+
+CONE = {"kind": "pit", "distance_mm": 150, "clock_deg": 120, "diameter_mm": 24, "depth_mm": 4, "shape": "conical"}
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03, 0.06])
+def test_noise_makes_no_floor_deeper_and_no_pocket_larger(noise):
+    flat = {**POCKET, "depth_mm": 3}
+    found = [_measure(_map(_pipe(flat), noise=noise, seed=seed))[0] for seed in range(6)]
+    assert np.mean([d.depth_mm for d in found]) == pytest.approx(3, abs=0.3 * noise)
+    assert np.mean([d.length_mm for d in found]) == pytest.approx(70, abs=0.15)
+    assert np.mean([d.width_mm for d in found]) == pytest.approx(35, abs=0.25)
+
+
+def test_stated_intervals_hold_the_truth_on_plain_maps():
+    held = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        pocket = {**POCKET, "distance_mm": 150 + rng.uniform(-1, 1), "clock_deg": 120 + rng.uniform(-1, 1)}
+        pipe = _pipe({**pocket, "length_mm": 40 + rng.uniform(-1, 1), "depth_mm": rng.uniform(1.5, 7.5)})
+        true = pipe.features[0].size(76.2)
+        (d,) = _measure(_map(pipe, noise=0.05, seed=seed))
+        error = np.array([d.length_mm, d.width_mm, d.depth_mm]) - true
+        held.append(np.abs(error) <= 1.96 * np.array([d.length_std_mm, d.width_std_mm, d.depth_std_mm]))
+    assert np.mean(held) > 0.9
+
+
+def test_a_slanted_scratch_is_as_long_as_from_tip_to_tip():
+    scratch = {"kind": "scratch", "distance_mm": 150, "clock_deg": 200, "path_length_mm": 80, "width_mm": 6}
+    pipe = _pipe({**scratch, "depth_mm": 2, "heading_deg": 40})
+    true = pipe.features[0].size(76.2)
+    (found,) = _measure(_map(pipe))
+    assert found.length_mm == pytest.approx(true.length_mm, abs=1.5)
+    assert found.width_mm == pytest.approx(true.width_mm, abs=1.5)
+
+
+def test_one_stray_line_moves_no_edge():
+    wall = _map(_pipe({**POCKET, "depth_mm": 3}))
+    radius = wall.radius_mm.copy()
+    radius[118:120, 186:189] += 3.0  # beyond the far edge
+    (found,) = _measure(replace(wall, radius_mm=radius))
+    assert found.length_mm == pytest.approx(70, abs=1.0)
+
+
+def test_the_volume_is_what_is_missing():
+    (found,) = _measure(_map(_pipe({**POCKET, "depth_mm": 3})))
+    assert found.volume_mm3 == pytest.approx(70 * 35 * 3 * (1 + 1.5 / 76.2), rel=0.04)
+
+
+def test_a_defect_has_its_class_and_what_becomes_of_it():
+    deep, shallow = ({**POCKET, "depth_mm": depth} for depth in (3.0, 0.6))
+    assert _measure(_map(_pipe(deep)))[0].disposition == "reject"
+    (found,) = _measure(_map(_pipe(shallow), noise=0.02))
+    assert found.disposition == "accept"
+    assert found.feature_class == "general"
+
+
+@pytest.mark.parametrize(
+    ("loss", "std", "seen", "said"),
+    [
+        (20.0, 2.0, True, "reject"),
+        (5.0, 1.0, True, "accept"),
+        (10.5, 1.0, True, "undecided"),
+        (5.0, 1.0, False, "undecided"),
+        (20.0, 2.0, False, "reject"),
+    ],
+)
+def test_a_disposition_is_as_certain_as_the_loss(loss, std, seen, said):
+    assert disposition(loss, std, seen, limit_pct=10.0) == said
+
+
+def _cut(wall, columns):
+    parts = (wall.radius_mm, wall.spread_mm, wall.sigma_mm, wall.count)
+    return WallMap(wall.theta_rad, wall.z_mm[columns], *(part[:, columns] for part in parts))
+
+
+@pytest.mark.parametrize("columns", [slice(0, 0), slice(150, 151)])
+def test_a_map_of_nothing_or_of_one_column_has_no_defect(columns):
+    assert _measure(_cut(_map(_pipe(POCKET)), columns)) == ()
+
+
+def test_a_wall_that_stands_in_is_no_defect():
+    wall = _map(_pipe(POCKET))
+    assert _measure(replace(wall, radius_mm=2 * 76.2 - wall.radius_mm)) == ()
+
+
+def test_where_everything_is_a_defect_it_is_one_and_cut():
+    wall = _map(_pipe(), length=60)
+    deep = np.random.default_rng(0).normal(3, 0.03, wall.radius_mm.shape)
+    noise = np.full(deep.shape, 0.03)
+    (found,) = measure_defects(wall, deep, np.full(deep.shape, 0.4), noise, NOMINAL, STEEPEST, SizingSettings())
+    assert found.cut_by_scan_end
+    assert found.depth_mm == pytest.approx(3, abs=0.05)
+    assert found.width_mm == pytest.approx(2 * np.pi * 76.2, abs=2)
+
+
+def test_overlapping_defects_are_one_of_the_deeper_s_size_and_near_ones_are_two():
+    shallow = {**POCKET, "distance_mm": 175, "clock_deg": 140, "depth_mm": 3.0}
+    (one,) = _measure(_map(_pipe(POCKET, shallow)))
+    assert one.length_mm == pytest.approx(70, abs=0.6)
+    assert one.depth_mm == pytest.approx(7.5, abs=0.1)
+    beside = [{**POCKET, "depth_mm": 3.0, "length_mm": 30, "distance_mm": place} for place in (150, 186)]
+    assert [d.length_mm for d in _measure(_map(_pipe(*beside)))] == pytest.approx([30, 30], abs=0.5)
+
+
+def test_a_fine_map_sizes_a_narrow_scratch():
+    scratch = {"kind": "scratch", "distance_mm": 60, "clock_deg": 200, "path_length_mm": 50, "width_mm": 2}
+    pipe = _pipe({**scratch, "depth_mm": 1})
+    theta, z = (np.arange(1440) + 0.5) * 2 * np.pi / 1440, np.arange(0.25, 120, 0.5)
+    radius = pipe.radius(theta[:, None], z[None, :])
+    radius = radius + np.random.default_rng(0).normal(0, 0.05, radius.shape)
+    level = np.full(radius.shape, 0.05)
+    (found,) = _measure(WallMap(theta, z, radius, level, level, np.full(radius.shape, 2)))
+    assert found.width_mm == pytest.approx(2, abs=0.3)
+    assert found.depth_mm == pytest.approx(1, abs=0.12)
+    assert found.length_mm == pytest.approx(50, abs=0.7)
