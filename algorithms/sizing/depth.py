@@ -21,7 +21,7 @@ LOSS_OPEN = 0.9  # of such a correction, one standard deviation
 SMOOTHED_CELLS = 9  # cells that share their points' noise
 RUN_MM = 3.0  # a floor stays level for so long behind a shadow
 LEVEL_SHARE = 0.07  # of the depth: a floor that drops by less over that run is level
-BORE_STD_MM = 0.018  # the local bore, from which depth is counted
+BORE_STD_MM = 0.025  # the local bore, from which depth is counted
 
 
 class Floor(NamedTuple):
