@@ -32,6 +32,11 @@ class Floor(NamedTuple):
     seen: bool
 
 
+def visible_depth_mm(length_mm: float, steepest_light_rad: float) -> float:
+    """How deep light can reach in a defect of a length whose near side is steep; deeper floors stay in the dark."""
+    return length_mm * float(np.tan(steepest_light_rad))
+
+
 def floor_of(
     deviation: Float[np.ndarray, "around along"],
     inside: Bool[np.ndarray, "around along"],

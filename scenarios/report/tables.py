@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from math import isfinite, radians
 
+from algorithms.sizing.depth import visible_depth_mm
 from algorithms.sizing.disposition import at_least
 from scenarios.report.comparison import Quantity, Row, quantities
 from scenarios.report.numbers import NONE, fixed, score_figure, signed
@@ -103,7 +104,9 @@ def _remarks(run: Run, row: Row) -> list[str]:
             said.append(f"{100 * d.unseen_share:.0f} % of its box not seen")
         if not d.floor_seen:
             least = at_least(d.depth_mm, d.depth_std_mm)
+            limit = visible_depth_mm(d.length_mm, float(run.recording.rig.projector.slit_half_angles_rad[-1]))
             said.append(f"depth at least {fixed(least, DECIMALS['depth'])} mm, its floor was not seen")
+            said.append(f"under a steep edge light reaches {fixed(limit, 1)} mm deep over such a length")
         if d.cut_by_scan_end:
             said.append("cut by the end of the scan, its length is a lower bound")
         if not all(map(isfinite, (d.length_mm, d.width_mm, d.depth_mm))):

@@ -211,6 +211,16 @@ def test_no_defects_is_a_list_of_none(tmp_path):
         assert list(csv.reader(file)) == [list(DEFECT_COLUMNS)]
 
 
+def test_a_least_depth_and_what_becomes_of_a_defect_are_in_the_list(tmp_path):
+    defect = replace(DEFECTS[0], floor_seen=False, volume_mm3=1234.56, feature_class="general", disposition="undecided")
+    write_reconstruction(_reconstruction(defects=(defect,)), tmp_path)
+    with (tmp_path / "defects.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["floor_seen"] == "0"
+    assert float(row["depth_at_least_mm"]) == pytest.approx(7.25 - 1.645 * 0.1, abs=1e-3)
+    assert (row["volume_mm3"], row["feature_class"], row["disposition"]) == ("1234.6", "general", "undecided")
+
+
 def test_a_wall_never_seen_gives_empty_files_that_open(tmp_path):
     write_reconstruction(_reconstruction(unseen=(np.s_[:, :],), defects=()), tmp_path)
     for name in ("cloud.ply", "wall_mesh.ply"):

@@ -91,3 +91,18 @@ def test_the_command_says_what_is_wrong(tmp_path):
     assert done.returncode != 0
     assert "taken" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_two_passes_see_what_the_strut_hides_from_one():
+    pocket = "{kind: pocket, distance_mm: 140, clock_deg: 0, length_mm: 30, width_mm: 30, depth_mm: 3}"
+    short = ["sensing.fidelity=points", f"pipe.features=[{pocket}]", "drive.speed_mm_s=40"]
+    seen = {}
+    for passes, stages in (("one", "[{to_mm: 90}]"), ("two", "[{to_mm: 90, roll_to_deg: 60}, {to_mm: 0}]")):
+        scan = sized_scan(load_scenario("two-pass", [*short, f"drive.stages={stages}"]), 1, quiet)
+        wall = scan.found.wall
+        seen[passes] = wall.seen[:, (wall.z_mm > 110) & (wall.z_mm < 170)].mean()
+    assert seen["one"] < 0.92
+    assert seen["two"] > 0.97
+    ((feature, defect),) = scan.pairs()
+    assert defect.width_mm == pytest.approx(feature.width_mm, abs=1.0)
+    assert defect.depth_mm == pytest.approx(3, abs=0.1)

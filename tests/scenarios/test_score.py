@@ -67,6 +67,16 @@ def test_misses_and_false_calls(scan):
     assert (row.defects_found, row.depth_error_mm_max, row.eq32_quality_pct) == (0, None, None)
 
 
+def test_a_floor_that_was_not_seen_is_no_depth_error_but_its_least_depth_is_judged(scan):
+    truth, found, tally = scan
+    depth = truth.pipe.features[0].depth_mm
+    least = replace(_call(152, 121), depth_mm=depth - 1.0, floor_seen=False)
+    row = score(replace(found, defects=(least,)), truth, tally)
+    assert (row.floors_not_seen, row.at_least_wrong, row.depth_error_mm_max) == (1, 0, None)
+    beyond = replace(least, depth_mm=depth + 1.0)
+    assert score(replace(found, defects=(beyond,)), truth, tally).at_least_wrong == 1
+
+
 def test_wrong_words_are_seen(scan):
     truth, _, _ = scan
     rig = load_scenario("paper-gantry").rig
