@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from algorithms.robust import spread
 from algorithms.sizing.background import smooth_from
 from algorithms.sizing.edges import GAP_MM
 
@@ -48,8 +47,8 @@ def floor_of(
     depths, sigma = deviation[near], float(np.median(noise[near]))
     middle, top = np.percentile(depths, [50, DEEPEST_PERCENTILE])
     seen = _is_seen(deviation, inside, float(top), sigma, cell_mm)
-    # what noise adds to a percentile: all of it on a flat floor, less where the floor itself varies
-    scatter = max(spread(depths), sigma)
+    # what noise adds to a percentile: all of it on a flat floor, less where the floor, with its rim, itself varies
+    scatter = max(float(np.std(depths)), sigma)
     added = PERCENTILE_SIGMAS * sigma**2 / scatter
     independent = max(0.1 * depths.size / SMOOTHED_CELLS, 1.0)
     std = np.sqrt(sigma**2 / independent + BORE_STD_MM**2)

@@ -32,8 +32,8 @@ class SizingSettings(Settings):
 
     threshold: ThresholdSettings = ThresholdSettings()
     join_mm: Annotated[float, Field(ge=0, le=50)] = 3.0
-    min_length_mm: Annotated[float, Field(ge=0)] = 2.0
-    min_width_mm: Annotated[float, Field(ge=0)] = 2.0
+    min_length_mm: Annotated[float, Field(ge=0)] = 1.0
+    min_width_mm: Annotated[float, Field(ge=0)] = 1.0
     min_cells: Annotated[int, Field(ge=1)] = 10
     limit_pct: Annotated[
         float, Field(gt=0, le=100, description="Wall loss beyond which a defect's disposition is not acceptable.")

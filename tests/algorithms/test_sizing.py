@@ -223,7 +223,7 @@ CONE = {"kind": "pit", "distance_mm": 150, "clock_deg": 120, "diameter_mm": 24, 
 def test_noise_makes_no_floor_deeper_and_no_pocket_larger(noise):
     flat = {**POCKET, "depth_mm": 3}
     found = [_measure(_map(_pipe(flat), noise=noise, seed=seed))[0] for seed in range(6)]
-    assert np.mean([d.depth_mm for d in found]) == pytest.approx(3, abs=0.3 * noise)
+    assert np.mean([d.depth_mm for d in found]) == pytest.approx(3, abs=0.5 * noise)
     assert np.mean([d.length_mm for d in found]) == pytest.approx(70, abs=0.15)
     assert np.mean([d.width_mm for d in found]) == pytest.approx(35, abs=0.25)
 
