@@ -144,7 +144,7 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     It is the mean of those lines that agree with it: a straight side gives all of its lines, so that noise moves it
     neither out nor in; a round or pointed one gives its tip.
     """
-    noise = max(_line_noise(edge), CELL_SHARE)
+    noise = max(_line_noise(edge), CELL_SHARE, 0.5 * float(np.median(open_)))
     place = _first_supported(edge, noise)
     for _ in range(ROUNDS):
         near = np.abs(edge - place) <= NEAR_SIGMAS * noise
