@@ -159,7 +159,8 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     worn = min(8 * NEAR_SIGMAS * CELL_SHARE / lines**2, MOST_WORN)
     steps = TIP_SHARE * float(np.median(np.abs(np.diff(edge)))) if edge.size > 1 else 0.0
     known = noise**2 * min((LAG + 1) / lines, 1.0) + np.median(open_[near] if near.any() else open_) ** 2
-    return place - worn, float(np.sqrt(known + steps**2 + (0.5 * worn) ** 2))
+    shifted = place - worn if edge.size > 1 else place  # a lone line tells nothing of a tip
+    return shifted, float(np.sqrt(known + steps**2 + (0.5 * worn) ** 2))
 
 
 def _first_supported(edge: Float[np.ndarray, "lines"], noise: float) -> float:

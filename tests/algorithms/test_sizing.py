@@ -290,9 +290,13 @@ def _cut(wall, columns):
     return WallMap(wall.theta_rad, wall.z_mm[columns], *(part[:, columns] for part in parts))
 
 
-@pytest.mark.parametrize("columns", [slice(0, 0), slice(150, 151)])
-def test_a_map_of_nothing_or_of_one_column_has_no_defect(columns):
-    assert _measure(_cut(_map(_pipe(POCKET)), columns)) == ()
+def test_a_map_of_nothing_has_no_defect_and_in_one_row_of_cells_it_is_cut():
+    wall = _map(_pipe(POCKET))
+    assert _measure(_cut(wall, slice(0, 0))) == ()
+    (found,) = _measure(_cut(wall, slice(150, 151)))
+    assert found.cut_by_scan_end
+    assert found.width_mm == pytest.approx(35, abs=1.96 * found.width_std_mm)
+    assert found.length_std_mm > 1  # neither end was seen
 
 
 def test_a_wall_that_stands_in_is_no_defect():
