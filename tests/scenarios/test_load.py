@@ -125,7 +125,8 @@ def test_a_true_rig_states_only_what_differs() -> None:
         (
             "kind: pit",
             "kind: pitt",
-            "s.yaml:7:14: pipe.features.0.kind: got 'pitt'; must be one of pocket, pit, scratch, corrosion; did you mean pit",
+            "s.yaml:7:14: pipe.features.0.kind: got 'pitt'; "
+            "must be one of pocket, pit, scratch, corrosion; did you mean pit",
         ),
         (
             "kind: pit, ",
