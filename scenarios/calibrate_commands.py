@@ -108,6 +108,21 @@ def in_pipe(
     _say(f"rig: {out}", f"page: {out.with_name(out.stem + '-pipe.html')}", as_json=as_json)
 
 
+@calibrate.command()
+def slide(
+    scan: Annotated[Path, typer.Argument(metavar="RUN_OR_RECORDING", help="A folder that `run` made, or a recording.")],
+    out: OutRig,
+    as_json: AsJson = False,
+) -> None:
+    """Learn how jagged the projector's slide is from a scan's own clean wall; of a twin's run, what that does to it."""
+    _one_thread()
+    from scenarios.calibration.camera import page_of
+    from scenarios.calibration.in_scan import calibrate_slide
+
+    _show(calibrate_slide(scan, out), as_json)
+    _say(f"rig: {out}", f"page: {page_of(out, 'slide')}", as_json=as_json)
+
+
 def decode(
     image: Annotated[Path, typer.Argument(metavar="IMAGE", help="A picture of the rings in a pipe (PNG or JPEG).")],
     rig: Annotated[str, typer.Option("--rig", metavar="RIG", help="A rig by name, or a rig.yaml.")] = "endoscope",

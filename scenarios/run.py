@@ -17,7 +17,7 @@ from algorithms.method import Method
 from algorithms.reconstruct import ReconstructionFailed, State, begin, finish, see, step
 from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
-from scenarios.load import scenario_yaml
+from scenarios.load import BadInput, load_scenario, scenario_yaml
 from scenarios.provenance import versions
 from scenarios.run_folder import run_folder
 from scenarios.scenario import Scenario, nominal_pipe
@@ -27,7 +27,7 @@ from sensor_model.sense import sense
 from sensor_model.streams import stream
 from sensor_model.workers import spread
 from twin.simulate import DriveFailed, simulate
-from twin.truth import Truth, save_truth
+from twin.truth import Truth, load_truth, save_truth
 
 Report = Callable[[str, int, int], None]
 SAMPLES = 3
@@ -148,6 +148,22 @@ def _reconstructed(
     found = finish(state)
     noted = tuple(episode for episode in found.episodes if episode.kind != "gap")
     return replace(found, episodes=noted + log_gaps(recording)), tally, tuple(samples)
+
+
+def scenario_and_truth(folder: Path) -> tuple[Scenario, Truth]:
+    """What a run's folder holds of how it came about.
+
+    Raises:
+        BadInput: when it is not a whole run.
+    """
+    for part in ("scenario.yaml", "truth/truth.npz", "truth/pipe.json"):
+        if not (folder / part).is_file():
+            raise BadInput([f"{folder}: {part} is missing; `pipetwin run` makes such a folder"])
+    scenario = load_scenario(str(folder / "scenario.yaml"), [], None)
+    try:
+        return scenario, load_truth(folder / "truth")
+    except (ValueError, KeyError, OSError) as error:
+        raise BadInput([f"{folder / 'truth'}: {error}"]) from error
 
 
 def true_poses(truth: Truth, recording: Recording) -> np.ndarray:

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from numba import njit
 from pydantic import Field
 
-from sensor_model.geometry import fisheye_pixel, lens_of, wrap_rad
+from sensor_model.geometry import fisheye_pixel, jag_rad, lens_of, wrap_rad
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Projector, Rig
 from sensor_model.settings import Settings
@@ -40,10 +40,12 @@ class Fan(NamedTuple):
 
 @lru_cache(maxsize=8)
 def fan(projector: Projector, azimuths: int) -> Fan:
-    """Each slit's centre line followed at equal steps around the projector's axis."""
+    """Each slit's centre line, with the slide's jaggedness, followed at equal steps around the projector's axis."""
     around = np.arange(azimuths) * 2 * np.pi / azimuths
     slit, azimuth = (grid.ravel() for grid in np.meshgrid(np.arange(len(projector.slits)), around, indexing="ij"))
     alpha = projector.slit_half_angles_rad[slit]
+    if projector.jag_table_rad.size:
+        alpha = alpha + jag_rad(projector.jag_table_rad, slit, azimuth)
     rays = np.stack([np.sin(alpha) * np.sin(azimuth), -np.sin(alpha) * np.cos(azimuth), np.cos(alpha)], axis=-1)
     rays_camera = rays @ projector.T_camera_projector[:3, :3].T
     # the strut's soft edge passes half the light at its stated width

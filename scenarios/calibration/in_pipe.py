@@ -282,12 +282,13 @@ def _pipe_page(figures: dict[str, Any], slide: SlideCalibration, rig: Rig) -> st
     verdict += "; it is kept." if slide.helps else "; it is not kept."
     sections = [
         Section("Pictures", ["Each is judged by what the others taught; the seat is of all."], rows),
-        Section("The slide's jaggedness", [], (), [_jag_figure(slide.table_rad, rig)]),
+        Section("The slide's jaggedness", [], (), [jag_figure(slide.table_rad, rig)]),
     ]
     return calibration_page("Calibration in the pipe", "", verdict, slide.helps, sections)
 
 
-def _jag_figure(table_rad: np.ndarray, rig: Rig) -> Picture:
+def jag_figure(table_rad: np.ndarray, rig: Rig) -> Picture:
+    """What each half angle has beyond its mean, over azimuth."""
     with drawing(5.0) as figure:
         axes = figure.subplots()
         azimuth = (np.arange(table_rad.shape[1]) + 0.5) * 360 / table_rad.shape[1]

@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from scenarios.document import BadInput
-from scenarios.load import load_scenario
+from scenarios.run import scenario_and_truth
 from scenarios.scenario import Scenario
 from sensor_model.geometry import rotation_from_wxyz, twist_about_z_rad, wall_direction
 from sensor_model.rig import Projector
 from sensor_model.wall_rays import near_wall, wall_ranges_mm
 from twin.pipe import Pipe
 from twin.robot import Robot
-from twin.truth import Truth, load_truth
+from twin.truth import Truth
 
 RATE_HZ, MOST_FRAMES = 10.0, 600
 AZIMUTHS = 36
@@ -54,15 +53,7 @@ def read_run(folder: Path) -> Playback:
     Raises:
         BadInput: when it is not a whole run.
     """
-    for part in ("scenario.yaml", "truth/truth.npz", "truth/pipe.json"):
-        if not (folder / part).is_file():
-            raise BadInput([f"{folder}: {part} is missing; `pipetwin run` makes such a folder"])
-    scenario = load_scenario(str(folder / "scenario.yaml"), [], None)
-    try:
-        truth = load_truth(folder / "truth")
-    except (ValueError, KeyError, OSError) as error:
-        raise BadInput([f"{folder / 'truth'}: {error}"]) from error
-    return playback(scenario, truth, *_cloud(folder / "reconstruction" / "wall_map.npz"))
+    return playback(*scenario_and_truth(folder), *_cloud(folder / "reconstruction" / "wall_map.npz"))
 
 
 def playback(scenario: Scenario, truth: Truth, cloud_mm: np.ndarray, cloud_dev_mm: np.ndarray) -> Playback:
