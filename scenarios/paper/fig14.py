@@ -13,9 +13,7 @@ from scenarios.paper.one_figure import Part, Row, paint, run_figure
 from scenarios.paper.sized_scan import Report, SizedScan
 from scenarios.report.canvas import BLUE, VERMILION, drawing, to_picture
 from scenarios.report.plain_rows import text_table
-from scenarios.run import RunFailed
 
-WHICH = 0
 HALF_ARC_MM, BESIDE_MM = 45.0, 30.0
 DRAWN = 3  # candidates
 
@@ -33,10 +31,7 @@ def make(scan: SizedScan) -> tuple[list[Row], bytes]:
         RunFailed: when the defect was not found.
     """
     pipe, found = scan.scan.truth.pipe, scan.found
-    feature = pipe.features[WHICH]
-    defect = next((defect for own, defect in scan.pairs() if own is feature), None)
-    if defect is None:
-        raise RunFailed(f"the defect at {feature.distance_mm} mm was not found")
+    feature, defect = scan.first()
     true = feature.size(pipe.bore_radius_mm)
     means = cluster_means(found)
     errs = [group_err_pct(pipe, feature, found, mean) for mean in means]
@@ -57,7 +52,7 @@ def make(scan: SizedScan) -> tuple[list[Row], bytes]:
 
 def _picture(scan: SizedScan, rows: list[Row], best: int) -> bytes:
     pipe, found = scan.scan.truth.pipe, scan.found
-    feature = pipe.features[WHICH]
+    feature = pipe.features[0]
     size = feature.size(pipe.bore_radius_mm)
     reach = size.length_mm / 2 + BESIDE_MM
     z = feature.distance_mm - reach, feature.distance_mm + reach

@@ -10,9 +10,7 @@ from scenarios.paper.one_figure import Part, Row, paint, run_figure
 from scenarios.paper.sized_scan import Report, SizedScan
 from scenarios.report.canvas import BLACK, BLUE, VERMILION, drawing, to_picture
 from scenarios.report.plain_rows import text_table
-from scenarios.run import RunFailed
 
-WHICH = 0
 HALF_ARC_MM, BESIDE_MM, LINE_MM = 45.0, 30.0, 3.0
 
 
@@ -29,10 +27,7 @@ def make(scan: SizedScan) -> tuple[list[Row], bytes]:
         RunFailed: when the defect was not found.
     """
     pipe, found = scan.scan.truth.pipe, scan.found
-    feature = pipe.features[WHICH]
-    defect = next((defect for own, defect in scan.pairs() if own is feature), None)
-    if defect is None:
-        raise RunFailed(f"the defect at {feature.distance_mm} mm was not found")
+    feature, defect = scan.first()
     true = feature.size(pipe.bore_radius_mm)
     reach = true.length_mm / 2 + BESIDE_MM
     z = feature.distance_mm - reach, feature.distance_mm + reach

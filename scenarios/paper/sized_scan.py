@@ -29,6 +29,18 @@ class SizedScan(NamedTuple):
         pipe = self.scan.truth.pipe
         return [(pipe.features[i], self.found.defects[j]) for i, j in sorted(match(pipe, self.found.defects))]
 
+    def first(self) -> tuple[Feature, Defect]:
+        """The pipe's first feature and the defect that was made of it.
+
+        Raises:
+            RunFailed: when it was missed.
+        """
+        feature = self.scan.truth.pipe.features[0]
+        for own, defect in self.pairs():
+            if own is feature:
+                return feature, defect
+        raise RunFailed(f"the defect at {feature.distance_mm} mm was not found")
+
 
 def sized_scan(scenario: Scenario, workers: int, progress: Report) -> SizedScan:
     """Drive, sense, measure, score.

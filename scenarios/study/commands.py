@@ -5,10 +5,15 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from scenarios.progress import Progress
 
 FAILED = 1
 StudyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder that `study` wrote.")]
@@ -37,23 +42,12 @@ def study(
     """Run what is left of a study, and write its page."""
     from scenarios.study.conduct import How, conduct
 
-    jobs = jobs or len(os.sched_getaffinity(0))
-    from scenarios.progress import Progress
-
-    progress = Progress()
-
-    def say(line: str) -> None:
-        progress.close()
-        print(line, file=sys.stderr)
-
-    try:
-        folder, counts = conduct(file, out, How(jobs, dask, resume), progress, say)
-    finally:
-        progress.close()
+    with _shown() as (progress, say):
+        folder, counts = conduct(file, out, How(jobs or _cores(), dask, resume), progress, say)
     print(", ".join(f"{name} {n}" for name, n in counts.items()))
     print(f"page: {folder / 'study.html'}")
     if counts["failed"]:
-        say(f"{counts['failed']} runs failed; `pipetwin status {folder}` names them")
+        print(f"{counts['failed']} runs failed; `pipetwin status {folder}` names them", file=sys.stderr)
         raise typer.Exit(FAILED)
 
 
@@ -72,7 +66,21 @@ def tune(
     """Search settings on some scans, and judge the winner on others that the search never saw."""
     from scenarios.study.tune import tune as run_tuning
 
-    jobs = jobs or len(os.sched_getaffinity(0))
+    with _shown() as (progress, say):
+        tuned = run_tuning(file, out, jobs or _cores(), progress, say, storage)
+    for verdict in tuned.verdicts:
+        print(f"hold-out, {verdict.fidelity}: {verdict.words}")
+    print(f"method: {tuned.folder / 'method.yaml'}")
+    print(f"page: {tuned.folder / 'tuning.html'}")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def _shown() -> Iterator[tuple[Progress, Callable[[str], None]]]:
+    """What shows how far the work is, and what says a line beside it."""
     from scenarios.progress import Progress
 
     progress = Progress()
@@ -82,13 +90,9 @@ def tune(
         print(line, file=sys.stderr)
 
     try:
-        tuned = run_tuning(file, out, jobs, progress, say, storage)
+        yield progress, say
     finally:
         progress.close()
-    for verdict in tuned.verdicts:
-        print(f"hold-out, {verdict.fidelity}: {verdict.words}")
-    print(f"method: {tuned.folder / 'method.yaml'}")
-    print(f"page: {tuned.folder / 'tuning.html'}")
 
 
 def status(folder: StudyFolder, as_json: AsJson = False) -> None:
