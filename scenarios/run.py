@@ -20,7 +20,7 @@ from scenarios.artefacts import write_reconstruction
 from scenarios.load import BadInput, load_scenario, scenario_yaml
 from scenarios.provenance import versions
 from scenarios.run_folder import run_folder
-from scenarios.scenario import Scenario, nominal_pipe
+from scenarios.scenario import Scenario, nominal_pipe, nominal_rig
 from scenarios.score import FrameTally, Score, score, tally_frame
 from sensor_model.recording import Recording, SlitPixels, open_recording
 from sensor_model.sense import sense
@@ -111,7 +111,7 @@ def sensed(
     frames = sense(
         truth,
         true_rig,
-        scenario.rig,
+        nominal_rig(scenario),
         nominal_pipe(scenario),
         scenario.sensing,
         scenario.seed,
@@ -206,9 +206,11 @@ def provenance(scenario: Scenario, seconds: dict[str, float], peaks_kb: dict[int
     import resource
 
     peaks_mb = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, *(kb / 1024 for kb in peaks_kb.values())]
+    session = scenario.calibration
     return {
         **versions(),
         "seed": scenario.seed,
+        "nominal_rig": f"calibrated on {session.boards} boards" if session else "as stated",
         "seconds": seconds,
         "seconds_total": round(sum(seconds.values()), 3),
         "peak_memory_mb": {"this_process": round(peaks_mb[0]), "all_processes": round(sum(peaks_mb))},

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
 
 from algorithms.method import Method
+from scenarios.bench.calibrated import BoardSession, calibrate
 from sensor_model.recording import NominalPipe
 from sensor_model.rig import Rig, preset_rig
 from sensor_model.sense import Sensing
@@ -47,6 +49,8 @@ class Scenario(Settings):
     `robot` is the size it is built for (4-inch, 6-inch, 8-inch), or what differs from the 6 inch one.
     `rig` is the nominal one, which goes with the recording and which the measurement believes: a name, or what differs
     from the preset. `true_rig` states only what really is different (a calibration error); the rest is as in `rig`.
+    With `calibration` the measurement believes neither: its projector is what a session of boards before the true rig
+    gives, another one with another seed.
     `nominal_pipe` is what the operator writes down of the pipe; left out, it is the pipe without its features and
     ovality, launched where the drive starts.
     """
@@ -59,6 +63,7 @@ class Scenario(Settings):
     nominal_pipe: NominalPipe | None = None
     rig: AnyRig = preset_rig(PRESET)
     true_rig: Rig | None = None
+    calibration: BoardSession | None = None
     sensing: Sensing = Sensing()
     method: Method = Method()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -70,6 +75,22 @@ class Scenario(Settings):
             return data
         base = _RIG.validate_python(data.get("rig", PRESET)).model_dump()
         return {**data, "true_rig": _merged(base, data["true_rig"])}
+
+
+def nominal_rig(scenario: Scenario) -> Rig:
+    """The rig that goes with the recording: as stated, or as calibrated on boards in closed loop.
+
+    Raises:
+        ConesNotFound: when the session's pictures do not determine the projector.
+    """
+    if scenario.calibration is None:
+        return scenario.rig
+    return _calibrated(scenario.true_rig or scenario.rig, scenario.seed, scenario.calibration)
+
+
+@lru_cache(maxsize=8)
+def _calibrated(true_rig: Rig, seed: int, session: BoardSession) -> Rig:
+    return calibrate(true_rig, seed, session).rig
 
 
 def nominal_pipe(scenario: Scenario) -> NominalPipe:

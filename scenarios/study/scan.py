@@ -15,7 +15,7 @@ from algorithms.reconstruct import mapped, see, sized
 from algorithms.types import Reconstruction, Trajectory, WallMap
 from scenarios.matching import match
 from scenarios.run import fold, sensed
-from scenarios.scenario import Scenario, nominal_pipe
+from scenarios.scenario import Scenario, nominal_pipe, nominal_rig
 from scenarios.score import FrameTally, score
 from scenarios.study.cache import Cache, default_folder, default_limit_bytes, entry_key
 from scenarios.study.code import code_version
@@ -59,7 +59,7 @@ def scan(scenario: Scenario, cache: Cache) -> tuple[dict[str, Any], Pairs, float
     truth = _truth(scenario, cache, keys["drive"])
     parts = cache.arrays("map", keys["map"], lambda: _measured(scenario, truth, cache, keys))
     path, wall, tally = _unpacked(parts, scenario, truth)
-    found = sized(path, wall, scenario.rig, nominal_pipe(scenario), scenario.method)
+    found = sized(path, wall, nominal_rig(scenario), nominal_pipe(scenario), scenario.method)
     return asdict(score(found, truth, tally)), _pairs(found, truth), float(parts["ms_per_frame"][0])
 
 
@@ -67,7 +67,7 @@ def stage_keys(scenario: Scenario) -> dict[str, str]:
     """What each stage depends on: its own settings, the stage before, and the code of its rooms."""
     method, world, every = scenario.method, code_version("world"), code_version("all")
     drive = entry_key("drive", world, scenario.pipe, scenario.robot, scenario.drive, scenario.seed)
-    rigs = scenario.true_rig or scenario.rig, scenario.rig, nominal_pipe(scenario)
+    rigs = scenario.true_rig or scenario.rig, nominal_rig(scenario), nominal_pipe(scenario)
     recording = entry_key("recording", drive, *rigs, scenario.sensing, scenario.seed)
     slits = entry_key("slits", recording, every, method.decode)
     below = method.model_dump(mode="json", exclude={"decode", "sizing"})

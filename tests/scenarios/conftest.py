@@ -10,7 +10,7 @@ import pytest
 from algorithms.reconstruct import begin, finish, see, step
 from algorithms.types import Reconstruction
 from scenarios.load import load_scenario
-from scenarios.scenario import nominal_pipe
+from scenarios.scenario import nominal_pipe, nominal_rig
 from scenarios.score import FrameTally, Score, score, tally_frame
 from sensor_model.recording import open_recording
 from sensor_model.sense import sense
@@ -32,7 +32,7 @@ def _scan(folder, name: str, *changes: str) -> Scan:
     scenario = load_scenario(name, ["sensing.fidelity=points", *changes])
     truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
     true_rig = scenario.true_rig or scenario.rig
-    list(sense(truth, true_rig, scenario.rig, nominal_pipe(scenario), scenario.sensing, scenario.seed, folder))
+    list(sense(truth, true_rig, nominal_rig(scenario), nominal_pipe(scenario), scenario.sensing, scenario.seed, folder))
     recording = open_recording(folder)
     state, tally = begin(recording.rig, recording.pipe, scenario.method), FrameTally(truth.pipe, true_rig)
     for frame in (recording[i] for i in range(len(recording))):

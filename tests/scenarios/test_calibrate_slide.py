@@ -23,7 +23,10 @@ from twin.pipe import Pipe
 
 RIG = preset_rig()
 JAG_RAD = np.radians(0.12) * np.random.default_rng(5).standard_normal((8, 360))
-POCKET = "{kind: pocket, distance_mm: 230, clock_deg: 120, length_mm: 50, width_mm: 30, depth_mm: 5}"
+PITS = ", ".join(
+    f"{{kind: pit, distance_mm: {200 + 25 * (k % 2)}, clock_deg: {clock}, diameter_mm: 16, depth_mm: 4}}"
+    for k, clock in enumerate((60, 100, 140, 220, 260, 300))
+)
 GROOVE = {
     "kind": "pocket",
     "distance_mm": 250,
@@ -36,7 +39,7 @@ GROOVE = {
 
 def _run(folder, jag_rad):
     changes = ["sensing.fidelity=points", "sensing.frame_rate_hz=10", "drive.stages=[{to_mm: 300}]"]
-    scenario = load_scenario("paper-gantry", [*changes, f"pipe.features=[{POCKET}]"])
+    scenario = load_scenario("paper-gantry", [*changes, f"pipe.features=[{PITS}]"])
     if jag_rad is not None:
         scenario = scenario.model_copy(update={"true_rig": with_jag(RIG, jag_rad)})
     run(scenario, folder, 1, lambda *_: None)
@@ -61,8 +64,8 @@ def test_a_jagged_slide_is_learned_from_the_scan_s_own_wall(tmp_path):
     assert said["residual_corrected_mm"] < said["residual_mm"] / 3
     before, after = said["scan"], said["scan_corrected"]
     assert after["map_rms_mm"] < before["map_rms_mm"] / 3
-    assert after["depth_error_mm_max"] < before["depth_error_mm_max"] / 2
-    assert (after["defects_found"], after["false_calls"]) == (1, 0)
+    assert after["depth_error_mm_max"] < before["depth_error_mm_max"] / 3
+    assert (after["defects_found"], after["false_calls"]) == (6, 0)
     known = learned.projector.jag_table_rad != 0
     assert known.mean() > 0.8
     off = (learned.projector.jag_table_rad - JAG_RAD)[known]
