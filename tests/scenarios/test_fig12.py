@@ -14,7 +14,7 @@ from sensor_model.geometry import rotation_from_wxyz, twist_about_z_rad
 from sensor_model.streams import stream
 from twin.simulate import simulate
 
-COARSE = ("sensing.frame_rate_hz=3", "drive.start_mm=130", "drive.end_mm=470", "drive.roll_to.0.start_s=3.6")
+COARSE = ("sensing.frame_rate_hz=7.5", "drive.start_mm=130", "drive.end_mm=470", "drive.roll_to.0.start_s=3.6")
 
 
 def silent(*args) -> None:
