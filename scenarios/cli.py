@@ -13,6 +13,7 @@ import typer
 
 from scenarios import calibrate_commands
 from scenarios.bench.commands import app as bench_commands
+from scenarios.cores import cores
 from scenarios.paper.commands import app as paper_commands
 from scenarios.study import commands as study_commands
 from scenarios.trust import commands as trust_commands
@@ -85,7 +86,7 @@ def _run(
     out = out or Path("runs") / f"{scenario.name}-seed{scenario.seed}"
     progress = Progress()
     try:
-        score = run_scenario(scenario, out, jobs or _cores(), progress)
+        score = run_scenario(scenario, out, jobs or cores(), progress)
     finally:
         progress.close()
     report = out / "report.html"
@@ -212,10 +213,6 @@ def doctor(as_json: AsJson = False) -> None:
 
 trust_commands.register(app)
 study_commands.register(app)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _figure(value: Any) -> str:

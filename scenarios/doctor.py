@@ -14,6 +14,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
+from scenarios.cores import cores
+
 ROOT = Path(__file__).resolve().parents[1]
 LEAST_MEMORY_GB = 1.5
 SYSTEM_PACKAGES = {"libegl1": "EGL", "libgl1": "GL"}
@@ -125,8 +127,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _machine() -> Iterator[Check]:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    yield Check("cores", True, str(cores))
+    yield Check("cores", True, str(cores()))
     meminfo = Path("/proc/meminfo")
     match = re.search(r"MemAvailable:\s+(\d+) kB", meminfo.read_text()) if meminfo.exists() else None
     if match:

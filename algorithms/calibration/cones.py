@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import least_squares
 
+from algorithms.robust import MAD_TO_SIGMA
 from sensor_model.rig import Projector, Rig, Slit
 
 MIN_POINTS = 20  # of one slit
@@ -56,7 +57,10 @@ def fit_cones(points_by_slit: Sequence[Float[np.ndarray, "_ 3"]], start: Rig) ->
             f_scale=f_scale,
             x_scale="jac",
         )
-        x, scale = found.x, max(1.4826 * float(np.median(np.abs(weight * _beyond_mm(found.x, xyz, slit, R)))), 1e-9)
+        x, scale = (
+            found.x,
+            max(MAD_TO_SIGMA * float(np.median(np.abs(weight * _beyond_mm(found.x, xyz, slit, R)))), 1e-9),
+        )
     if not found.success:
         raise ConesNotFound(f"the fit of the cones did not settle: {found.message}")
     beyond_mm = _beyond_mm(x, xyz, slit, R)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from algorithms.calibration.failure import CannotCalibrate
+from algorithms.robust import MAD_TO_SIGMA
 
 NORM_TOLERANCE = 0.05  # a unit quaternion logged to 0.01 is this near to 1
 MEDIAN_ROWS = 3
@@ -246,7 +247,7 @@ def _fit(
     x = least_squares(misfit, x0, loss="soft_l1", f_scale=SOFT_RAD, diff_step=1e-5, x_scale="jac").x
     heading = _heading(x[7:], poses)
     error = _errors(x[:6], x[6], heading, imu, board, first)
-    sigma = 1.4826 * np.median(np.abs(error[used]), axis=0)
+    sigma = MAD_TO_SIGMA * np.median(np.abs(error[used]), axis=0)
     inliers = (np.abs(error) < OUTLIER_SIGMAS * np.maximum(sigma, 1e-4)).all(axis=1)
     return HandEye(
         Rotation.from_rotvec(x[3:6]).as_matrix(),

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from algorithms.robust import MAD_TO_SIGMA
+
 TINY = 1e-12
 TERMS = 20  # sums of one pass: 14 of the normal matrix, 5 of its right side, and the weights
 TRUNCATED_SHARE = 0.9535  # standard deviation of a normal distribution cut off at 2.5 of its own
@@ -272,7 +274,7 @@ def pull(cylinder, other):
 @njit(cache=True)
 def scale_about_zero(values):
     """Standard deviation of the residuals of a fit, by the median and what lies near it."""
-    return _trimmed(values, 0.0, 1.4826 * np.median(np.abs(values)))[1]
+    return _trimmed(values, 0.0, MAD_TO_SIGMA * np.median(np.abs(values)))[1]
 
 
 @njit(cache=True)

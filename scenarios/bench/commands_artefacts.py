@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+
+from scenarios.cores import cores
 
 
 def register(app: typer.Typer) -> None:
@@ -45,7 +46,7 @@ def artefacts(
 
     out, progress = out or Path("bench") / "artefacts", Progress()
     try:
-        rows = run_artefacts(fidelity, seeds, out, jobs or len(os.sched_getaffinity(0)), progress)
+        rows = run_artefacts(fidelity, seeds, out, jobs or cores(), progress)
     finally:
         progress.close()
     print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\nrows: {out / 'artefacts.csv'}")

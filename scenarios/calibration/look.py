@@ -12,6 +12,7 @@ from algorithms.calibration.slide import with_jag
 from algorithms.decoding.dips import find_dips
 from algorithms.decoding.lines import pixel_noise, polar_lines, radial_range_px
 from algorithms.decoding.settings import DecodeSettings
+from algorithms.robust import MAD_TO_SIGMA
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
 from sensor_model.raycast import draw
@@ -129,7 +130,7 @@ def _widths(dip_px: np.ndarray, width_px: np.ndarray, radius: np.ndarray) -> Flo
 
 def _rms(row: np.ndarray) -> float:
     known = row[np.isfinite(row)]
-    return float(1.4826 * np.median(np.abs(known))) if known.size > LEAST_ROW else float("nan")
+    return float(MAD_TO_SIGMA * np.median(np.abs(known))) if known.size > LEAST_ROW else float("nan")
 
 
 def _length_deg(rough: Float[np.ndarray, "slits lines"], step_deg: float) -> float:

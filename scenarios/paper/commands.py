@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+
+from scenarios.cores import cores
 
 app = typer.Typer(help="Make the paper's table and figures again, with the truth beside them.", no_args_is_help=True)
 
@@ -35,14 +36,12 @@ def table1(
 ) -> None:
     """Table 1: what each registration leaves of the gantry's scan, beside the paper's rows and the true poses'."""
     from scenarios.paper.table1 import run_table1, words
-    from scenarios.progress import Progress
 
-    out, progress = out or Path("paper") / ("table1-grown" if grow else "table1"), Progress()
-    try:
-        rows = run_table1(fidelity, seed, grow, out, jobs or _cores(), progress)
-    finally:
-        progress.close()
-    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\nrows: {out / 'table1.csv'}")
+    def run(fidelity: Fidelity, seed: int | None, out: Path, workers: int, progress: Callable) -> list:
+        return run_table1(fidelity, seed, grow, out, workers, progress)
+
+    out = out or Path("paper") / ("table1-grown" if grow else "table1")
+    _made("table1.csv", run, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -51,14 +50,8 @@ def fig5(
 ) -> None:
     """Figure 5: a defect 10.16 mm deep set apart by RANSAC, point by point against the truth; the wall is 12.7 mm."""
     from scenarios.paper.fig5 import run_fig5, words
-    from scenarios.progress import Progress
 
-    out, progress = out or Path("paper") / "fig5", Progress()
-    try:
-        rows = run_fig5(fidelity, seed, out, jobs or _cores(), progress)
-    finally:
-        progress.close()
-    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\npicture: {out / 'fig5.png'}")
+    _made("fig5.png", run_fig5, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -80,7 +73,7 @@ def fig11(seed: Seed = None, fidelity: Sees = "picture", out: OutFolder = None, 
 
     out, progress = out or Path("paper") / "fig11", Progress()
     try:
-        run_fig11(fidelity, seed, out, jobs or _cores(), progress)
+        run_fig11(fidelity, seed, out, jobs or cores(), progress)
     finally:
         progress.close()
     print(f"picture: {out / 'fig11.png'}")
@@ -92,14 +85,8 @@ def fig12(
 ) -> None:
     """Figure 12: the angle that a roll of 8 and of 25 degrees leaves between two defects, by every estimator."""
     from scenarios.paper.fig12 import run_fig12, words
-    from scenarios.progress import Progress
 
-    out, progress = out or Path("paper") / "fig12", Progress()
-    try:
-        rows = run_fig12(fidelity, seed, out, jobs or _cores(), progress)
-    finally:
-        progress.close()
-    print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\nrows: {out / 'fig12.csv'}")
+    _made("fig12.csv", run_fig12, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -129,7 +116,7 @@ def table2(
     """Table 2: one defect sized blind in six robot scans, beside the paper's six."""
     from scenarios.paper.table2 import run_table2, words
 
-    _sized("table2.csv", run_table2, words, (fidelity, seed, out, jobs), as_json)
+    _made("table2.csv", run_table2, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -139,7 +126,7 @@ def table4(
     """Table 4: the depth of pockets that take 100, 75, 50 and 25 % of the wall, three scans, beside the paper's."""
     from scenarios.paper.table4 import run_table4, words
 
-    _sized("table4.csv", run_table4, words, (fidelity, seed, out, jobs), as_json)
+    _made("table4.csv", run_table4, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -149,7 +136,7 @@ def fig14(
     """Figure 14: the paper's threshold search, which needs the true size, beside the blind one."""
     from scenarios.paper.fig14 import run_fig14, words
 
-    _sized("fig14.png", run_fig14, words, (fidelity, seed, out, jobs), as_json)
+    _made("fig14.png", run_fig14, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -159,7 +146,7 @@ def fig15(
     """Figure 15: the depth of one defect from its own background."""
     from scenarios.paper.fig15 import run_fig15, words
 
-    _sized("fig15.png", run_fig15, words, (fidelity, seed, out, jobs), as_json)
+    _made("fig15.png", run_fig15, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -169,7 +156,7 @@ def fig17(
     """Figure 17: how pockets of falling depth show in the map."""
     from scenarios.paper.fig17 import run_fig17, words
 
-    _sized("fig17.png", run_fig17, words, (fidelity, seed, out, jobs), as_json)
+    _made("fig17.png", run_fig17, words, (fidelity, seed, out, jobs), as_json)
 
 
 @app.command()
@@ -179,22 +166,18 @@ def fig18(
     """Figure 18: scratches of different shape and depth, true beside measured."""
     from scenarios.paper.fig18 import run_fig18, words
 
-    _sized("fig18.png", run_fig18, words, (fidelity, seed, out, jobs), as_json)
+    _made("fig18.png", run_fig18, words, (fidelity, seed, out, jobs), as_json)
 
 
-def _sized(file: str, run: Callable, words: Callable, asked: tuple, as_json: bool) -> None:
-    """Scan and size as a table or a figure asks, and print its rows and where its file is."""
+def _made(file: str, run: Callable, words: Callable, asked: tuple, as_json: bool) -> None:
+    """Scan as a table or a figure asks, and print its rows and where its file is."""
     from scenarios.progress import Progress
 
     fidelity, seed, out, jobs = asked
     out, progress = out or Path("paper") / Path(file).stem, Progress()
     try:
-        rows = run(fidelity, seed, out, jobs or _cores(), progress)
+        rows = run(fidelity, seed, out, jobs or cores(), progress)
     finally:
         progress.close()
     what = "rows" if file.endswith(".csv") else "picture"
     print(json.dumps(rows, indent=2) if as_json else f"{words(rows)}\n{what}: {out / file}")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

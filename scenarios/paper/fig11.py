@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,10 +13,9 @@ from scenarios.bench.clouds import MOST_POINTS, deviation_scale, draw_along, squ
 from scenarios.bench.contenders import METHODS
 from scenarios.bench.scans import Scan, as_placed, registered, take_scan, triangulated
 from scenarios.equations import circle, plane_normal
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
+from scenarios.paper.folder import paper_folder
 from scenarios.report.canvas import BLACK, BLUE, VERMILION, drawing, to_picture
-from scenarios.run import provenance
-from scenarios.run_folder import run_folder
 from sensor_model.geometry import wall_direction
 from twin.pipe import Pipe
 
@@ -66,13 +63,9 @@ def run_fig11(fidelity: str, seed: int | None, out: Path, workers: int, progress
         RunFailed: when the scan fails.
     """
     scenario = load_scenario("paper-gantry", [f"sensing.fidelity={fidelity}"], seed)
-    with run_folder(out) as folder:
-        start = time.perf_counter()
+    with paper_folder("fig11", scenario, out) as folder:
         scan = take_scan(scenario, workers, progress)
         (folder / "fig11.png").write_bytes(picture(scan, list(clouds(scan, progress))))
-        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
-        seconds = {"fig11": round(time.perf_counter() - start, 3)}
-        (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds, {}), indent=1) + "\n")
     return out / "fig11.png"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,11 +16,10 @@ from algorithms.registration.from_axis import sigma_across_mm
 from algorithms.types import RingPoints
 from algorithms.wall_map import on_a_wall
 from scenarios.bench.scans import Registered, Scan, registered, take_scan, triangulated
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
+from scenarios.paper.folder import paper_folder
 from scenarios.report.canvas import BLACK, BLUE, SKY, VERMILION, drawing, to_picture
 from scenarios.report.plain_rows import text_table
-from scenarios.run import provenance
-from scenarios.run_folder import run_folder
 from sensor_model.geometry import apply
 from sensor_model.recording import NominalPipe
 from sensor_model.wall_rays import near_wall, wall_ranges_mm
@@ -105,14 +103,10 @@ def run_fig5(fidelity: str, seed: int | None, out: Path, workers: int, progress:
         RunFailed: when the scan fails.
     """
     scenario = load_scenario("paper-gantry", [*CHANGES, f"sensing.fidelity={fidelity}"], seed)
-    with run_folder(out) as folder:
-        start = time.perf_counter()
+    with paper_folder("fig5", scenario, out) as folder:
         figure = isolate(take_scan(scenario, workers, progress))
-        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
         (folder / "fig5.json").write_text(json.dumps(figure.rows, indent=1, allow_nan=False) + "\n")
         (folder / "fig5.png").write_bytes(picture(figure))
-        seconds = {"fig5": round(time.perf_counter() - start, 3)}
-        (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds, {}), indent=1) + "\n")
     return figure.rows
 
 

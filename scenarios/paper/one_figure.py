@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from algorithms.types import WallMap
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
+from scenarios.paper.folder import paper_folder
 from scenarios.paper.sized_scan import Report, SizedScan, sized_scan
 from scenarios.report.canvas import hatch_unseen
 from scenarios.report.plain_rows import write_rows
-from scenarios.run import provenance
-from scenarios.run_folder import run_folder
 from sensor_model.geometry import wrap_rad
 
 if TYPE_CHECKING:
@@ -45,14 +42,10 @@ def run_figure(
         RunFailed: when the scan fails, or shows nothing to draw.
     """
     scenario = load_scenario(base, changes, seed)
-    with run_folder(out) as folder:
-        start = time.perf_counter()
+    with paper_folder(name, scenario, out) as folder:
         rows, picture = make(sized_scan(scenario, workers, progress))
         write_rows(rows, folder / name)
         (folder / f"{name}.png").write_bytes(picture)
-        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
-        seconds = {name: round(time.perf_counter() - start, 3)}
-        (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds, {}), indent=1) + "\n")
     return rows
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,9 @@ from scenarios.bench.calibrated import calibrate
 from scenarios.bench.contenders import CYLINDER, ELLIPSOID, ICP_CYLINDER, ICP_PLANE, METHODS, OURS, contenders
 from scenarios.bench.scans import Judged, Registered, Scan, judge, registered, take_scan, triangulated
 from scenarios.equations import radius_closeness_pct
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
+from scenarios.paper.folder import paper_folder
 from scenarios.report.plain_rows import text_table, write_rows
-from scenarios.run import provenance
-from scenarios.run_folder import run_folder
 from scenarios.scenario import Scenario
 
 Report = Callable[[str, int, int], None]
@@ -225,11 +222,7 @@ def run_table1(fidelity: str, seed: int | None, grow: bool, out: Path, workers: 
         RunFailed: when a scan fails.
     """
     scenario = load_scenario("paper-gantry", [f"sensing.fidelity={fidelity}"], seed)
-    with run_folder(out) as folder:
-        start = time.perf_counter()
+    with paper_folder("table1", scenario, out) as folder:
         rows = (table1_grown if grow else table1)(scenario, workers, progress)
-        seconds = {"table1": round(time.perf_counter() - start, 3)}
-        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
         write_rows(rows, folder / "table1")
-        (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds, {}), indent=1) + "\n")
     return rows

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from scenarios.equations import err_pct, error_pct
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
 from scenarios.oracle import oracle_err_pct
+from scenarios.paper.folder import paper_folder
 from scenarios.paper.printed import DIMENSIONS, TABLE_2_ERR_PCT, TABLE_2_ERROR_PCT, TABLE_2_MM
 from scenarios.paper.sized_scan import Report, SizedScan, sized_scan
 from scenarios.report.plain_rows import text_table, write_rows
-from scenarios.run import RunFailed, provenance
-from scenarios.run_folder import run_folder
+from scenarios.run import RunFailed
 
 Row = dict[str, Any]
 SCANS = 6
@@ -99,14 +97,10 @@ def run_table2(fidelity: str, seed: int | None, out: Path, workers: int, progres
         RunFailed: when a scan fails.
     """
     first = load_scenario("paper-robot", [f"sensing.fidelity={fidelity}"], seed)
-    with run_folder(out) as folder:
-        start = time.perf_counter()
+    with paper_folder("table2", first, out) as folder:
         rows = []
         for k in range(SCANS):
             scenario = first.model_copy(update={"seed": first.seed + k})
             rows.append(row_of(k + 1, sized_scan(scenario, workers, progress)))
         write_rows(rows, folder / "table2")
-        (folder / "scenario.yaml").write_text(scenario_yaml(first))
-        seconds = {"table2": round(time.perf_counter() - start, 3)}
-        (folder / "run.json").write_text(json.dumps(provenance(first, seconds, {}), indent=1) + "\n")
     return rows

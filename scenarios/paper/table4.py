@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from scenarios.equations import depth_quality_pct
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
+from scenarios.paper.folder import paper_folder
 from scenarios.paper.printed import TABLE_4_ESTIMATE_MM, TABLE_4_LOSS_PCT, TABLE_4_QUALITY_PCT
 from scenarios.paper.sized_scan import Report, SizedScan, sized_scan
 from scenarios.report.plain_rows import text_table, write_rows
-from scenarios.run import RunFailed, provenance
-from scenarios.run_folder import run_folder
+from scenarios.run import RunFailed
 
 Row = dict[str, Any]
 SCANS = 3
@@ -93,12 +91,8 @@ def run_table4(fidelity: str, seed: int | None, out: Path, workers: int, progres
         RunFailed: when a scan fails.
     """
     first = load_scenario("paper-wall-loss", [f"sensing.fidelity={fidelity}"], seed)
-    with run_folder(out) as folder:
-        start = time.perf_counter()
+    with paper_folder("table4", first, out) as folder:
         seeds = range(first.seed, first.seed + SCANS)
         rows = rows_of([sized_scan(first.model_copy(update={"seed": s}), workers, progress) for s in seeds])
         write_rows(rows, folder / "table4")
-        (folder / "scenario.yaml").write_text(scenario_yaml(first))
-        seconds = {"table4": round(time.perf_counter() - start, 3)}
-        (folder / "run.json").write_text(json.dumps(provenance(first, seconds, {}), indent=1) + "\n")
     return rows

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+from scenarios.cores import cores
 
 if TYPE_CHECKING:
     from scenarios.progress import Progress
@@ -43,7 +44,7 @@ def study(
     from scenarios.study.conduct import How, conduct
 
     with _shown() as (progress, say):
-        folder, counts = conduct(file, out, How(jobs or _cores(), dask, resume), progress, say)
+        folder, counts = conduct(file, out, How(jobs or cores(), dask, resume), progress, say)
     print(", ".join(f"{name} {n}" for name, n in counts.items()))
     print(f"page: {folder / 'study.html'}")
     if counts["failed"]:
@@ -67,15 +68,11 @@ def tune(
     from scenarios.study.tune import tune as run_tuning
 
     with _shown() as (progress, say):
-        tuned = run_tuning(file, out, jobs or _cores(), progress, say, storage)
+        tuned = run_tuning(file, out, jobs or cores(), progress, say, storage)
     for verdict in tuned.verdicts:
         print(f"hold-out, {verdict.fidelity}: {verdict.words}")
     print(f"method: {tuned.folder / 'method.yaml'}")
     print(f"page: {tuned.folder / 'tuning.html'}")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 @contextmanager
