@@ -172,11 +172,21 @@ def wall_radius_mm(wall, theta, z):
         arc = wall.inner_radius * (turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
         if abs(arc) > wall.rows[i, HALF_BOX_ARC]:
             continue
+        row = _numbers(wall.rows, i)
         if wall.codes[i] < 0:
-            obstacle += obstacle_depth_mm(wall.codes[i], dz, arc, wall.rows[i])
+            obstacle += obstacle_depth_mm(wall.codes[i], dz, arc, row)
         else:
-            depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, wall.rows[i], wall.inner_radius))
+            depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, row, wall.inner_radius))
     return min(bore + depth + obstacle, wall.outer_radius)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _numbers(rows, i):
+    """One row as numbers: a view of the array would count its references, at several times the cost of a radius."""
+    return (
+        *(rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 6]),
+        *(rows[i, 7], rows[i, 8], rows[i, 9], rows[i, 10], rows[i, 11], rows[i, 12], rows[i, 13]),
+    )
 
 
 @njit(cache=True, error_model="numpy")

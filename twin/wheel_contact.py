@@ -112,14 +112,15 @@ def _rim_gap(wall, disc, shape, phi, across):
 def _beside_feature(wall, hub, radius):
     theta = np.arctan2(hub[0], -hub[1])
     for i in range(wall.codes.size):
-        row = wall.rows[i]
-        middle, half = row[CENTER_Z], row[HALF_BOX_Z]
+        middle, half = wall.rows[i, CENTER_Z], wall.rows[i, HALF_BOX_Z]
         if wall.codes[i] == TAPER:  # beyond its slope it is a plain bore again
-            middle, half = middle - half + 0.5 * row[FIRST_OWN], 0.5 * row[FIRST_OWN]
+            sloping = 0.5 * wall.rows[i, FIRST_OWN]
+            middle, half = middle - half + sloping, sloping
         if abs(hub[2] - middle) > half + radius:
             continue
-        turn = theta - row[CENTER_THETA]
-        if abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))) * wall.inner_radius <= row[HALF_BOX_ARC] + radius:
+        turn = theta - wall.rows[i, CENTER_THETA]
+        arc = wall.inner_radius * abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
+        if arc <= wall.rows[i, HALF_BOX_ARC] + radius:
             return True
     return False
 
