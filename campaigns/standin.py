@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import time
@@ -40,6 +41,17 @@ def tunable(recipe: dict[str, Any]):
             "ms_per_frame": 10 - x,
         }
         return [known.get(name) for name in recipe["record"]], []
+
+    return make
+
+
+def ishigami(recipe: dict[str, Any]):
+    """A run whose every figure is Ishigami's function (a = 7, b = 0.1) of its three values, from -pi to pi."""
+
+    def make(job: dict[str, Any]):
+        x, y, z = job["values"]
+        value = math.sin(x) + 7 * math.sin(y) ** 2 + 0.1 * z**4 * math.sin(x)
+        return [value] * len(recipe["record"]), []
 
     return make
 

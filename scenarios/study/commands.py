@@ -23,7 +23,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
-    for command in (study, tune, status, export, cache):
+    for command in (study, sensitivity, tune, status, export, cache):
         app.command()(command)
 
 
@@ -49,6 +49,40 @@ def study(
     print(f"page: {folder / 'study.html'}")
     if counts["failed"]:
         print(f"{counts['failed']} runs failed; `pipetwin status {folder}` names them", file=sys.stderr)
+        raise typer.Exit(FAILED)
+
+
+def sensitivity(
+    file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (YAML) of `design: saltelli`.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Study folder.  [default: studies/NAME]")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option("--dask", metavar="tcp://HOST:PORT", help="Run on this Dask scheduler's workers.")
+    ] = None,
+) -> None:
+    """Say which cause makes which score vary: Sobol's indices with their intervals."""
+    from scenarios.study.conduct import How
+    from scenarios.study.sensitivity import sensitivity as find
+
+    with _shown() as (progress, say):
+        folder, found = find(file, out, How(jobs or cores(), dask), progress, say)
+    width = max(map(len, found.causes))
+    for one in found.scores:
+        print(f"{one.score}: mean {one.mean:.4g}, standard deviation {one.std:.3g}, {one.pairs} pairs")
+        for i in (-one.total[:, 0]).argsort():
+            first, total = (
+                f"{value:6.3f} ({low:6.3f} {high:6.3f})" for value, low, high in (one.first[i], one.total[i])
+            )
+            print(f"  {found.causes[i]:<{width}}  first {first}  total {total}")
+    for name, why in found.left_out.items():
+        print(f"{name}: {why}")
+    print(f"page: {folder / 'sensitivity.html'}")
+    if found.counts["failed"]:
+        print(f"{found.counts['failed']} runs failed; `pipetwin status {folder}` names them", file=sys.stderr)
         raise typer.Exit(FAILED)
 
 

@@ -1,4 +1,4 @@
-"""Which points of the factors' space are run: a grid, a Latin hypercube or a Sobol sequence, each over seeds."""
+"""Which points of the factors' space are run: a grid, a hypercube, a Sobol sequence or Saltelli's pairs; over seeds."""
 
 from __future__ import annotations
 
@@ -56,26 +56,40 @@ class LatinHypercube(_Replicated):
     draw_seed: Seed = 0
 
 
-class Sobol(_Replicated):
-    """A scrambled Sobol sequence, evenly spread in all factors at once."""
-
-    kind: Literal["sobol"] = "sobol"
+class _Balanced(_Replicated):
     points: Annotated[int, Field(ge=1, le=MOST_POINTS)]
     draw_seed: Seed = 0
 
     @model_validator(mode="after")
-    def _balanced(self) -> Sobol:
+    def _power_of_two(self) -> _Balanced:
         if self.points & (self.points - 1):
             below = 1 << self.points.bit_length() - 1
             raise ValueError(f"points must be a power of 2 to be balanced; {below} and {2 * below} are near")
         return self
 
 
-Design = Grid | LatinHypercube | Sobol
-DESIGNS: dict[str, type[Grid] | type[LatinHypercube] | type[Sobol]] = {
+class Sobol(_Balanced):
+    """A scrambled Sobol sequence, evenly spread in all factors at once."""
+
+    kind: Literal["sobol"] = "sobol"
+
+
+class Saltelli(_Balanced):
+    """What Sobol's indices need: `points` pairs A and B, and each A again with one factor of B, for every factor.
+
+    In this order: all A, all B, then A with B's first factor, and so on; (factors + 2) x `points` in all.
+    Source: Saltelli et al., Computer Physics Communications 181 (2010) 259.
+    """
+
+    kind: Literal["saltelli"] = "saltelli"
+
+
+Design = Grid | LatinHypercube | Sobol | Saltelli
+DESIGNS: dict[str, type[Grid] | type[LatinHypercube] | type[Sobol] | type[Saltelli]] = {
     "grid": Grid,
     "latin-hypercube": LatinHypercube,
     "sobol": Sobol,
+    "saltelli": Saltelli,
 }
 
 
@@ -83,7 +97,7 @@ def point_count(design: Design, factors: Sequence[Factor]) -> int:
     """How many points a design has."""
     if isinstance(design, Grid):
         return prod(len(factor.levels() or ()) for factor in factors)
-    return design.points
+    return design.points * (len(factors) + 2 if isinstance(design, Saltelli) else 1)
 
 
 def points(design: Design, factors: Sequence[Factor]) -> Iterator[tuple[Any, ...]]:
@@ -94,10 +108,16 @@ def points(design: Design, factors: Sequence[Factor]) -> Iterator[tuple[Any, ...
     return zip(*(factor.at(column) for factor, column in zip(factors, unit.T, strict=True)), strict=True)
 
 
-def _unit(design: LatinHypercube | Sobol, dimensions: int) -> np.ndarray:
+def _unit(design: LatinHypercube | Sobol | Saltelli, dimensions: int) -> np.ndarray:
     from scipy.stats import qmc
 
     rng = np.random.default_rng(design.draw_seed)
     if isinstance(design, LatinHypercube):
         return qmc.LatinHypercube(dimensions, rng=rng).random(design.points)
-    return qmc.Sobol(dimensions, rng=rng).random_base2(design.points.bit_length() - 1)
+    doublings = design.points.bit_length() - 1
+    if isinstance(design, Sobol):
+        return qmc.Sobol(dimensions, rng=rng).random_base2(doublings)
+    pairs = qmc.Sobol(2 * dimensions, rng=rng).random_base2(doublings)
+    a, b = pairs[:, :dimensions], pairs[:, dimensions:]
+    mixed = [np.where(np.arange(dimensions) == i, b, a) for i in range(dimensions)]
+    return np.vstack([a, b, *mixed])

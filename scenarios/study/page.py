@@ -104,9 +104,9 @@ def _findings(ledger: Ledger) -> dict[str, str]:
     if len(found.methods) > 1:
         sections["Methods, paired"] = paired_table(found)
     for path in found.paths:
-        sections[f"Over {path}"] = _figure(over_factor(found, path)) + factor_table(found, path)
+        sections[f"Over {path}"] = figure_html(over_factor(found, path)) + factor_table(found, path)
     if len(found.defects):
-        sections["Measured over true"] = _figure(unity(found))
+        sections["Measured over true"] = figure_html(unity(found))
     return sections
 
 
@@ -163,7 +163,8 @@ def cells(cell: str, texts: list[str]) -> str:
     return "<tr>" + "".join(f"<{cell}{scope}>{escape(text)}</{cell}>" for text in texts) + "</tr>"
 
 
-def _figure(picture: Picture) -> str:
+def figure_html(picture: Picture) -> str:
+    """A picture with its caption."""
     size = f'width="{picture.width_px}" height="{picture.height_px}"'
     image = f'<img src="{picture.source}" {size} alt="{escape(picture.alt)}">'
     return (

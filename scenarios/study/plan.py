@@ -19,6 +19,7 @@ from scenarios.study.study import Study
 
 KEY_DIGITS = 32
 WITHOUT_EFFECT = {"name", "why"}
+SEED = "seed"
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,11 @@ def recipe_of(study: Study, code: str) -> Recipe:
 
 
 def planned_runs(study: Study, recipe: Recipe) -> Iterator[PlannedRun]:
-    """Every run of the design: point by point, seed by seed, method by method."""
+    """Every run of the design: point by point, seed by seed, method by method; a seed that is a factor is the only."""
     for number, values in enumerate(points(study.design, list(study.factors.values()))):
         texts = {method: _scenario_text(recipe, values, method, study.seeds[0]) for method in study.methods}
-        for seed in study.seeds:
+        own = [seed for path, seed in zip(study.factors, values, strict=True) if path == SEED]
+        for seed in own or study.seeds:
             for method, (text, fault) in texts.items():
                 yield PlannedRun(_key(text, seed, recipe.code), number, method, seed, values, fault)
 

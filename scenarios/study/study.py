@@ -146,6 +146,8 @@ def _design(given: Any) -> tuple[Design | None, list[Fault]]:
 
 def _unfit(design: Design, factors: dict[str, Factor]) -> Iterator[Fault]:
     """Where design and factors do not go together."""
+    if "seed" in factors and design.seeds is not None:
+        yield Fault(("design", "seeds"), f"{len(design.seeds)} seeds", "the seed is a factor already; leave one out")
     if not isinstance(design, Grid):
         if not factors:
             yield Fault(("design",), design.kind, "there are no factors to draw; give some, or kind: grid")
