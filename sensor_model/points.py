@@ -2,28 +2,83 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Annotated, NamedTuple
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from sensor_model.geometry import fisheye_pixel, jag_rad, lens_of, wrap_rad
 from sensor_model.recording import SlitPixels
-from sensor_model.rig import Projector, Rig
+from sensor_model.rig import Projector, Rig, load_settings
 from sensor_model.settings import Settings
+from sensor_model.slide_print import slit_shifts
 from sensor_model.wall_rays import in_shadow, is_hole, near_wall, point_at, wall_ranges_mm
 from twin.pipe import Pipe
 
+NOISES = Path(__file__).parent / "point_noises"
+LEAST_SIGMA_PX = 0.01
+Each = Annotated[tuple[Annotated[float, Field(ge=-5, le=5)], ...], Field(max_length=64)]
+
 
 class PointNoise(Settings):
-    """What stands for the picture's errors; every one has a zero."""
+    """What stands for the picture's errors; every one has a zero.
+
+    The last four are for a noise measured in pictures, a number a slit; left empty they change nothing.
+    """
 
     azimuths: Annotated[int, Field(ge=36, le=7200)] = 720
     pixel_noise_px: Annotated[float, Field(ge=0)] = 0.25
     drop_out_share: Annotated[float, Field(ge=0, lt=1)] = 0.02
+    slide_jag_deg: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Largest shift of a slit's edges by the slide's print, which is the drawn picture's own, azimuth by azimuth."""
+    slide_jag_cells: Annotated[int, Field(ge=16, le=4096)] = 1024
+    slit_noise_px: Each = ()
+    """Noise slit by slit, in place of `pixel_noise_px`."""
+    slit_bias_px: Each = ()
+    """How much further out a slit is found than it is."""
+    slit_drop_out_share: Each = ()
+    """Drop-outs slit by slit, in place of `drop_out_share`."""
+    slit_sigma_px: Each = ()
+    """What the decoder says of itself, slit by slit; else it is the noise."""
+
+    def of_slits(self, slits: int) -> tuple[Float[np.ndarray, "slits"], ...]:
+        """Noise, bias, drop-out share and stated standard deviation of every slit.
+
+        Raises:
+            ValueError: when a list has another length than the rig has slits.
+        """
+        same = {"slit_noise_px": self.pixel_noise_px, "slit_bias_px": 0.0, "slit_drop_out_share": self.drop_out_share}
+        found: list[np.ndarray] = []
+        for name, one in (*same.items(), ("slit_sigma_px", None)):
+            each = getattr(self, name)
+            if each and len(each) != slits:
+                raise ValueError(f"sensing.points.{name}: got {len(each)} values; the rig has {slits} slits")
+            found.append(np.array(each) if each else np.full(slits, one) if one is not None else found[0])
+        return tuple(found)
+
+
+@cache
+def point_noise(name: str) -> PointNoise:
+    """The noise of `points` as measured in pictures of one kind, by the name of their optics.
+
+    Raises:
+        ValueError: for another name.
+    """
+    known = {path.stem: path for path in sorted(NOISES.glob("*.yaml"))}
+    if name not in known:
+        raise ValueError(f"no noise is called {name!r}; there are {', '.join(known)}")
+    return load_settings(PointNoise, known[name])
+
+
+def _by_name(value: Any) -> Any:
+    return point_noise(value) if isinstance(value, str) else value
+
+
+AnyPointNoise = Annotated[PointNoise, BeforeValidator(_by_name, json_schema_input_type=str | PointNoise)]
 
 
 class Fan(NamedTuple):
@@ -39,13 +94,18 @@ class Fan(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def fan(projector: Projector, azimuths: int) -> Fan:
-    """Each slit's centre line, with the slide's jaggedness, followed at equal steps around the projector's axis."""
+def fan(projector: Projector, azimuths: int, jag_deg: float = 0.0, jag_cells: int = 1024) -> Fan:
+    """Each slit's centre line, with the slide's jaggedness, followed at equal steps around the projector's axis.
+
+    Jaggedness is the rig's own, and beyond it the drawn slide's print where `jag_deg` says how large.
+    """
     around = np.arange(azimuths) * 2 * np.pi / azimuths
     slit, azimuth = (grid.ravel() for grid in np.meshgrid(np.arange(len(projector.slits)), around, indexing="ij"))
     alpha = projector.slit_half_angles_rad[slit]
     if projector.jag_table_rad.size:
         alpha = alpha + jag_rad(projector.jag_table_rad, slit, azimuth)
+    if jag_deg > 0:
+        alpha = alpha + np.radians(jag_deg) * slit_shifts(slit, azimuth, jag_cells)
     rays = np.stack([np.sin(alpha) * np.sin(azimuth), -np.sin(alpha) * np.cos(azimuth), np.cos(alpha)], axis=-1)
     rays_camera = rays @ projector.T_camera_projector[:3, :3].T
     # the strut's soft edge passes half the light at its stated width
@@ -66,10 +126,12 @@ def see_slits(
     Lost: the strut's sector, what the rim of a defect hides from projector or camera, holes, what falls outside the
     picture, and drop-outs.
     """
-    light, camera = fan(rig.projector, noise.azimuths), rig.camera
+    light, camera = fan(rig.projector, noise.azimuths, noise.slide_jag_deg, noise.slide_jag_cells), rig.camera
+    noise_px, bias_px, drop_out_share, sigma_px = noise.of_slits(len(rig.projector.slits))
+    of_place = np.repeat(np.arange(noise_px.size), noise.azimuths)
     # drawn for all, so that draws do not depend on sight
-    kept = rng.random(light.places) >= noise.drop_out_share
-    jitter_px = rng.standard_normal(light.places) * noise.pixel_noise_px
+    kept = rng.random(light.places) >= drop_out_share[of_place]
+    jitter_px = rng.standard_normal(light.places) * noise_px[of_place] + bias_px[of_place]
     pixel, slit = _seen(
         near_wall(pipe, float(T_pipe_camera[2, 3])),
         (pipe.start_mm, pipe.end_mm, pipe.backed),
@@ -81,7 +143,7 @@ def see_slits(
         camera.intrinsics,
         (camera.width_px - 1, camera.height_px - 1),
     )
-    return SlitPixels(pixel, slit, np.full(slit.size, max(noise.pixel_noise_px, 0.01)))
+    return SlitPixels(pixel, slit, np.maximum(sigma_px, LEAST_SIGMA_PX)[slit])
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,6 +12,7 @@ from numba import njit
 from sensor_model.geometry import fisheye_rays
 from sensor_model.optics import REFERENCE_RANGE_MM, Optics, light
 from sensor_model.rig import Camera, Rig
+from sensor_model.slide_print import edge_shift
 from sensor_model.wall_rays import (
     inward_normal,
     is_hole,
@@ -256,21 +257,4 @@ def _jag(beam, tangent, azimuth):
             nearest, edge = abs(tangent - beam.lit_from[band]), 2 * band
         if abs(tangent - beam.lit_to[band]) < nearest:
             nearest, edge = abs(tangent - beam.lit_to[band]), 2 * band + 1
-    place = (azimuth / (2 * np.pi) + 0.5) * beam.jag_cells
-    cell = int(np.floor(place))
-    part = place - cell
-    here, next_one = _hashed(edge, cell % beam.jag_cells), _hashed(edge, (cell + 1) % beam.jag_cells)
-    return beam.jag_rad * ((1 - part) * here + part * next_one)
-
-
-@njit(cache=True, error_model="numpy")
-def _hashed(edge, cell):
-    """A fixed number in [-1, 1) for one edge and cell: 32-bit integer arithmetic, as the shader has it."""
-    mask = np.uint64(0xFFFFFFFF)
-    h = (np.uint64(edge) * np.uint64(0x9E3779B1) + np.uint64(cell) * np.uint64(0x85EBCA6B)) & mask
-    h ^= h >> np.uint64(16)
-    h = (h * np.uint64(0x7FEB352D)) & mask
-    h ^= h >> np.uint64(15)
-    h = (h * np.uint64(0x846CA68B)) & mask
-    h ^= h >> np.uint64(16)
-    return np.float64(h >> np.uint64(8)) / 8388608.0 - 1.0
+    return beam.jag_rad * edge_shift(edge, azimuth, beam.jag_cells)

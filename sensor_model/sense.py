@@ -13,7 +13,7 @@ from pydantic import Field
 from sensor_model.encoders import EncoderNoise, measure_encoders, with_missed_counts
 from sensor_model.imu import ImuNoise, measure_imu
 from sensor_model.optics import AnyOptics, Optics
-from sensor_model.points import PointNoise, see_slits
+from sensor_model.points import AnyPointNoise, PointNoise, see_slits
 from sensor_model.recording import SLIT_PIXELS_SUFFIX, NominalPipe, write_frame_list, write_logs, write_slit_pixels
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
@@ -32,7 +32,7 @@ class Sensing(Settings):
     fidelity: Fidelity = "picture"
     frame_rate_hz: Annotated[float, Field(gt=0.1, le=240)] = 15.0
     optics: AnyOptics = Optics()
-    points: PointNoise = PointNoise()
+    points: AnyPointNoise = PointNoise()
     imu: ImuNoise = ImuNoise()
     encoders: EncoderNoise = EncoderNoise()
     timing: Timing = Timing()

@@ -43,7 +43,7 @@ def study(
     """Run what is left of a study, and write its page."""
     from scenarios.study.conduct import How, conduct
 
-    with _shown() as (progress, say):
+    with shown() as (progress, say):
         folder, counts = conduct(file, out, How(jobs or cores(), dask, resume), progress, say)
     print(", ".join(f"{name} {n}" for name, n in counts.items()))
     print(f"page: {folder / 'study.html'}")
@@ -68,7 +68,7 @@ def sensitivity(
     from scenarios.study.conduct import How
     from scenarios.study.sensitivity import sensitivity as find
 
-    with _shown() as (progress, say):
+    with shown() as (progress, say):
         folder, found = find(file, out, How(jobs or cores(), dask), progress, say)
     width = max(map(len, found.causes))
     for one in found.scores:
@@ -101,7 +101,7 @@ def tune(
     """Search settings on some scans, and judge the winner on others that the search never saw."""
     from scenarios.study.tune import tune as run_tuning
 
-    with _shown() as (progress, say):
+    with shown() as (progress, say):
         tuned = run_tuning(file, out, jobs or cores(), progress, say, storage)
     for verdict in tuned.verdicts:
         print(f"hold-out, {verdict.fidelity}: {verdict.words}")
@@ -110,7 +110,7 @@ def tune(
 
 
 @contextmanager
-def _shown() -> Iterator[tuple[Progress, Callable[[str], None]]]:
+def shown() -> Iterator[tuple[Progress, Callable[[str], None]]]:
     """What shows how far the work is, and what says a line beside it."""
     from scenarios.progress import Progress
 
