@@ -117,6 +117,9 @@ def measure_one(
     depth = floor_of(deviation, inside, window.noise_mm, cell_z)
     level = 0.5 * depth.depth_mm
     floor = inside & (deviation > level)
+    if not floor.any():  # of single spikes smoothing is thought to have taken most: none is as high as half of that
+        level = 0.5 * float(deviation[inside].max())
+        floor = inside & (deviation > level)
     axial = extent_of(edges_of(deviation, floor, level, cell_z, 1 / float(np.tan(steepest_light_rad))), cell_z)
     arc = extent_of(edges_of(deviation.T, floor.T, level, cell_arc), cell_arc)
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))

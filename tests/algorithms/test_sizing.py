@@ -334,3 +334,14 @@ def test_a_fine_map_sizes_a_narrow_scratch():
     assert found.width_mm == pytest.approx(2, abs=0.3)
     assert found.depth_mm == pytest.approx(1, abs=0.12)
     assert found.length_mm == pytest.approx(50, abs=0.7)
+
+
+def test_spikes_that_smoothing_would_take_are_sized_by_what_they_are():
+    wall = _map(_pipe(), noise=0.02)
+    deviation = deviation_mm(wall)
+    deviation[100:112:2, 140:152:2] = 4.0  # every other cell, as frames that do not fit together leave them
+    noise = np.full(deviation.shape, 0.02)
+    settings = SizingSettings(join_mm=5.0)
+    (found,) = measure_defects(wall, deviation, np.full(deviation.shape, 0.4), noise, NOMINAL, STEEPEST, settings)
+    assert found.depth_std_mm > 1.0
+    assert found.length_mm == pytest.approx(11, abs=3)
