@@ -1,4 +1,4 @@
-"""The commands `pipetwin pod` and `pipetwin gauge`: parse, call one function, print."""
+"""The commands `pipetwin pod`, `gauge` and `report`: parse, call one function, print."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
     app.command()(pod)
     app.command()(gauge)
+    app.command()(report)
 
 
 def pod(
@@ -79,3 +80,20 @@ def gauge(
     out = out or Path("gauge") / file.stem
     found = run_gauge(file, part, operator, value, out)
     print(json.dumps(figures(found), indent=2) if as_json else f"{words(found)}\nreport: {out / 'report.html'}")
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders that `run` made.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Page and rows.  [default: performance]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Performance over runs as the trade states it: unity plot, classes, detection, false calls, stated intervals."""
+    from scenarios.trust.performance_page import figures, run_report, words
+
+    out = out or Path("performance")
+    found, pod = run_report(runs, out)
+    print(
+        json.dumps(figures(found, pod), indent=2) if as_json else f"{words(found, pod)}\nreport: {out / 'report.html'}"
+    )

@@ -170,7 +170,7 @@ def _other_columns(pod: Pod) -> dict[str, str]:
 
 def page(file: Path, pod: Pod, rows: list[Row]) -> str:
     """The page: the curve, the figures, the other models, and what is weak."""
-    pictures = [_curve_picture(pod, rows)] if rows else []
+    pictures = [curve_picture(pod, rows)] if rows else []
     if isinstance(pod.curve, SignalCurve):
         pictures.insert(0, signal_picture(pod.curve))
         pictures += [decision_picture(pod)] if pod.figures.get("decisions") else []
@@ -194,7 +194,7 @@ def _cell(value: Any) -> str:
     return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _curve_picture(pod: Pod, rows: list[Row]) -> Picture:
+def curve_picture(pod: Pod, rows: list[Row]) -> Picture:
     """POD over size with its bound; hits and misses in bins, or as a rug."""
     size, curve, lower = (np.array([row[key] for row in rows]) for key in ("size", "pod", "pod_lower_95"))
     with drawing(4.6) as figure:
