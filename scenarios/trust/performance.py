@@ -203,7 +203,9 @@ def target_rows(targets: Sequence[Target]) -> list[Row]:
 
 
 def _target_row(t: Target) -> Row:
+    place = f"{t.feature.distance_mm:.6g} mm, {t.feature.clock_deg:g} deg"
     row: Row = {
+        "target": f"{t.kind} {' x '.join(f'{mm:.6g}' for mm in t.true)} mm at {place}",
         "run": t.run,
         "feature": t.number,
         "kind": t.kind,

@@ -38,7 +38,7 @@ from scenarios.trust.trade import Trade, confusion_table, rate_words, share_word
 FOOTER = "Depths in per cent of each pipe's own wall. Intervals are exact (Clopper-Pearson; Poisson for false calls)."
 NUMBER = re.compile(r"(?<![\w./-])[+-]{0,2}\d+(?:\.\d+)?(?:e[+-]?\d+)?(?: %)?(?!\w)")
 TARGETS, UNITY, LEAST, CALLS, INTERVALS, SCANS = "targets", "sized", "floors", "calls", "intervals", "scans"
-QUESTION = PodQuestion(size="true_depth_mm", hit=("found",))
+QUESTION = PodQuestion(size="true_depth_mm", hit=("found",), target="target")
 
 
 def run_report(folders: Sequence[Path], out: Path) -> tuple[Performance, Pod | None]:
