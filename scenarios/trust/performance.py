@@ -13,7 +13,7 @@ from algorithms.trust.coverage import Coverage, coverage_of, effective_cases
 from algorithms.trust.exact_bounds import Rate, Share, rate_of, share_lower, share_of
 from algorithms.trust.feature_class import CLASSES
 from algorithms.trust.performance import Confusion, Identification, Unity, confusion_of, identification_of, unity_of
-from algorithms.types import Defect
+from algorithms.types import INWARD, INWARD_RING, NO_LIGHT, THROUGH, Defect
 from scenarios.document import BadInput
 from scenarios.matching import GATE_MM
 from scenarios.trust.runs import ScanOf, Target, read_scan, targets_of
@@ -22,6 +22,7 @@ from twin.pipe import Pipe
 Row = dict[str, Any]
 DIMENSIONS = ("length_mm", "width_mm", "depth_mm")
 K95 = 1.96
+EVERY_CLASS = (*CLASSES, INWARD, INWARD_RING, THROUGH, NO_LIGHT)
 MOST_RUNS = 100_000
 DRAWS, SHUFFLE_SEED = 5, 20231
 
@@ -84,7 +85,7 @@ def performance_of(folders: Sequence[Path]) -> Performance:
         false,
         _unity(sized(targets)),
         share_of(sum(least), len(least)),
-        confusion_of([a for a, _ in names], [b for _, b in names], CLASSES),
+        confusion_of([a for a, _ in names], [b for _, b in names], EVERY_CLASS),
         _identification(targets),
         _found([t for t in targets if t.inspected]),
         rate_of(len(false), sum(scan.length_m for scan in scans)),
@@ -94,8 +95,8 @@ def performance_of(folders: Sequence[Path]) -> Performance:
 
 
 def sized(targets: Sequence[Target]) -> list[Target]:
-    """Those found whose depth is a size: their floor was seen."""
-    return [t for t in targets if t.found is not None and t.found.floor_seen]
+    """Those found whose depth is a loss of wall that was seen to its floor."""
+    return [t for t in targets if t.found is not None and t.found.floor_seen and not t.feature.inward]
 
 
 def _unity(targets: list[Target]) -> Unity | None:

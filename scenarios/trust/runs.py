@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from algorithms.trust.feature_class import CLASSES, feature_class
-from algorithms.types import Defect, WallMap
+from algorithms.types import INWARD, THROUGH, Defect, WallMap
 from scenarios.document import BadInput
-from scenarios.matching import match
+from scenarios.matching import false_calls, match
 from scenarios.run import scenario_and_truth
 from scenarios.trust.columns import Table, numbers, place_of, raise_faults, read_table
 from sensor_model.geometry import wrap_rad
@@ -68,7 +68,11 @@ class Target:
 
     @property
     def true_class(self) -> str:
-        """Its class by its true size."""
+        """Its class by its true size, or by what it is."""
+        if self.feature.inward:
+            return INWARD
+        if self.kind == "hole":
+            return THROUGH
         return CLASSES[int(feature_class(np.array([self.true[0]]), np.array([self.true[1]]), self.wall_mm)[0])]
 
     @property
@@ -163,8 +167,7 @@ def targets_of(scan: ScanOf, pipe: Pipe, seen_share: tuple[float, ...]) -> tuple
         for i, f in enumerate(pipe.features)
         if low <= f.distance_mm <= high
     ]
-    false = [defect for j, defect in enumerate(scan.defects) if j not in pairs.values()]
-    return targets, false
+    return targets, false_calls(pipe, scan.defects, list(pairs.items()))
 
 
 def _of(pairs: dict[int, int], i: int, scan: ScanOf) -> Defect | None:
