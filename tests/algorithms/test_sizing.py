@@ -352,7 +352,7 @@ def test_a_shadow_of_what_was_sized_is_no_hole():
     hide = lambda theta, z: (np.abs(theta - np.radians(120)) < 0.25) & (np.abs(z - 115) < 6.6)  # noqa: E731
     (pocket,) = _measure(_map(_pipe(deep), hide=hide))
     assert pocket.feature_class == "general"
-    (dent,) = _measure(_map(_pipe(DENT), hide=lambda theta, z: hide(theta, z - 50)))
+    (dent,) = _measure(_map(_pipe(DENT), hide=lambda theta, z: hide(theta, z - 62)))
     assert dent.inward
 
 
