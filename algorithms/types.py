@@ -104,12 +104,17 @@ class WallMap:
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
 
+# classes of what is no metal loss by length and width
+INWARD, INWARD_RING, THROUGH, NO_LIGHT = "inward", "inward ring", "through", "no light returned"
+
+
 @dataclass(frozen=True)
 class Defect:
     """One measured defect; standard deviations beside the sizes.
 
     Where no light reached the floor (`floor_seen` is false) depth, wall loss and volume are least ones. The volume is
-    that of the seen cells; `feature_class` is the Pipeline Operators Forum's, for information.
+    that of the seen cells; `feature_class` is the Pipeline Operators Forum's, for information, or one of these four.
+    What stands inward has a height for its depth.
     """
 
     start_mm: float
@@ -130,9 +135,19 @@ class Defect:
     disposition: str = ""
 
     @property
+    def inward(self) -> bool:
+        """Whether it stands inward and so takes no wall."""
+        return self.feature_class in (INWARD, INWARD_RING)
+
+    @property
     def distance_mm(self) -> float:
         """Axial position of its middle."""
         return self.start_mm + self.length_mm / 2
+
+    @property
+    def end_mm(self) -> float:
+        """Where it ends along the pipe."""
+        return self.start_mm + self.length_mm
 
 
 @dataclass(frozen=True)

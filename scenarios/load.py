@@ -256,7 +256,7 @@ def _feature_faults(pipe: Pipe, index: int, feature: Feature) -> Iterator[Fault]
         yield Fault(keys, feature.kind, allowed)  # type: ignore[attr-defined]
         return
     deepest = feature.size(pipe.bore_radius_mm).depth_mm
-    if deepest > pipe.wall_mm + TOLERANCE_MM:
+    if not feature.inward and deepest > pipe.wall_mm + TOLERANCE_MM:
         at = "" if deepest == feature.depth_mm else f" ({deepest:.4g} mm where it is deepest)"
         allowed = f"must be at most the wall, {pipe.wall_mm:g} mm{at}"
         yield Fault((*keys, "depth_mm"), f"{feature.depth_mm:g}", allowed)

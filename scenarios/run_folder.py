@@ -16,27 +16,10 @@ from scenarios.document import BadInput
 MARK = "run.json"  # the last file of a run; a folder without it is not ours to replace
 RUN_PARTS = {"scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html", "view.html"}
 BENCH_PARTS = {"rows.csv", "pairs.csv", "frames.csv", "report.html", "artefacts.json", "artefacts.csv"}
-PAPER_PARTS = {
-    "scenario.yaml",
-    "table1.json",
-    "table1.csv",
-    "fig5.png",
-    "fig5.json",
-    "fig11.png",
-    "fig12.json",
-    "fig12.csv",
-}
+PAPER_NAMES = [f"table{n}" for n in (1, 2, 3, 4)] + [f"fig{n}" for n in (5, 11, 12, 14, 15, 16, 17, 18)]
+PAPER_PARTS = {f"{name}.{ending}" for name in PAPER_NAMES for ending in ("json", "csv", "png")}
 FIG7_PARTS = {"log.csv", "poses.csv", "fig7.yaml", "fig7-imu.html"}
-TRUST_PARTS = {
-    "pod.json",
-    "curve.csv",
-    "gauge.json",
-    "table3.json",
-    "table3.csv",
-    "fig16.json",
-    "fig16.csv",
-    "fig16.png",
-}
+TRUST_PARTS = {"pod.json", "curve.csv", "gauge.json", "performance.json", "rows.json", "looks.csv", "looks.json"}
 PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS | FIG7_PARTS | TRUST_PARTS
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 

@@ -12,7 +12,7 @@ from numba import njit
 from algorithms.sizing.disposition import at_least
 from algorithms.types import FrameResult, Reconstruction, WallMap
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
-from scenarios.matching import match
+from scenarios.matching import false_calls, match
 from scenarios.oracle import oracle_err_pct
 from sensor_model.geometry import fisheye_rays, twist_about_z_rad, wrap_rad
 from sensor_model.rig import Rig
@@ -253,7 +253,7 @@ def _defects(found: Reconstruction, pipe: Pipe) -> dict:
     return {
         "defects_true": len(pipe.features),
         "defects_found": len(pairs),
-        "false_calls": len(found.defects) - len(pairs),
+        "false_calls": len(false_calls(pipe, found.defects, pairs)),
         "length_error_mm_max": _worst(list(error[:, 0])),
         "width_error_mm_max": _worst(list(error[:, 1])),
         "depth_error_mm_max": _worst(list(error[lit, 2])),
@@ -261,7 +261,7 @@ def _defects(found: Reconstruction, pipe: Pipe) -> dict:
         "floors_not_seen": int(np.sum(~lit)),
         "at_least_wrong": sum(least),
         "eq29_err_pct_max": _worst([err_pct(m[0], m[1], t[0], t[1]) for m, t in zip(measured, true, strict=True)]),
-        "eq29_oracle_err_pct_max": _worst(oracle_err_pct(pipe, [feature for _, _, feature in rows], found)),
+        "eq29_oracle_err_pct_max": _worst(oracle_err_pct(pipe, [f for _, _, f in rows if not f.inward], found)),
         "eq30_error_pct_max": _worst([error_pct(m, t) for m, t in zip(measured, true, strict=True)]),
         "eq32_quality_pct": depth_quality_pct(measured[:, 2], true[:, 2]) if rows else None,
         "clock_spread_deg": _clock_spread_deg(rows),

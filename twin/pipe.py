@@ -94,9 +94,24 @@ class Pipe(Settings):
         return self
 
     @model_validator(mode="after")
+    def _holes_go_through(self) -> Pipe:
+        for feature in self.features:
+            if feature.kind != "hole":
+                continue
+            if self.backed:
+                raise ValueError(
+                    f"the hole at {feature.distance_mm:g} mm needs backed: false; a backing would show in it"
+                )
+            if feature.depth_mm < self.wall_mm:
+                raise ValueError(f"a hole's depth_mm is the whole wall, {self.wall_mm:g} mm; got {feature.depth_mm:g}")
+        return self
+
+    @model_validator(mode="after")
     def _is_open(self) -> Pipe:
         if self.wall.smallest_radius <= 0:
-            raise ValueError(f"joints, debris and tapers leave no bore of {self.bore_radius_mm:g} mm radius open")
+            raise ValueError(
+                f"dents, joints, debris and tapers leave no bore of {self.bore_radius_mm:g} mm radius open"
+            )
         return self
 
     @cached_property
@@ -138,8 +153,9 @@ class Pipe(Settings):
         bore, ovality = self.bore_radius_mm, self.ovality_pct / 200
         bead = max((joint.bead_height_mm for joint in self.joints), default=0.0)
         lump = max((lump.height_mm for lump in self.debris), default=0.0)
+        dents = _highest_mm([feature for feature in self.features if feature.inward])
         # as if all that narrows were in one place, and all that widens
-        narrowed = bead + lump - sum(min(taper.radius_change_mm, 0.0) for taper in self.tapers)
+        narrowed = bead + lump + dents - sum(min(taper.radius_change_mm, 0.0) for taper in self.tapers)
         widened = sum(max(taper.radius_change_mm, 0.0) for taper in self.tapers)
         smallest, outer = bore * (1 - ovality) - narrowed, self.outer_radius_mm + widened
         return Wall(bore, smallest, outer, ovality, phase, codes, rows.reshape(-1, ROW_LENGTH))
@@ -154,6 +170,16 @@ class Pipe(Settings):
         radius = self.radius(theta_rad, z_mm)
         gone = radius >= self.outer_radius_mm - 1e-6
         return np.asarray(np.zeros_like(gone) if self.backed else gone)
+
+
+def _highest_mm(dents: list[AnyFeature]) -> float:
+    """How far dents stand inward at most; those whose boxes touch along the pipe may add up."""
+    rows = np.array([dent.row() for dent in dents]).reshape(-1, ROW_LENGTH)
+    height = np.array([dent.depth_mm for dent in dents])
+    from_mm, to_mm = rows[:, CENTER_Z] - rows[:, HALF_BOX_Z], rows[:, CENTER_Z] + rows[:, HALF_BOX_Z]
+    return max(
+        (float(height[(a <= to_mm) & (b >= from_mm)].sum()) for a, b in zip(from_mm, to_mm, strict=True)), default=0.0
+    )
 
 
 # put inline, as all that it calls: a call counts references to the wall's arrays, at several times the cost of a radius
@@ -176,7 +202,9 @@ def wall_radius_mm(wall, theta, z):
         if wall.codes[i] < 0:
             obstacle += obstacle_depth_mm(wall.codes[i], dz, arc, row)
         else:
-            depth = max(depth, feature_depth_mm(wall.codes[i], dz, arc, row, wall.inner_radius))
+            own = feature_depth_mm(wall.codes[i], dz, arc, row, wall.inner_radius)
+            depth = max(depth, own)
+            obstacle += min(own, 0.0)
     return min(bore + depth + obstacle, wall.outer_radius)
 
 

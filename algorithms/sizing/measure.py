@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
+from algorithms.sizing.dark import with_dark
 from algorithms.sizing.depth import floor_of
 from algorithms.sizing.disposition import disposition
 from algorithms.sizing.edges import LOST_MM, edges_of, extent_of
-from algorithms.sizing.segment import segment
+from algorithms.sizing.inward import as_inward, rings
+from algorithms.sizing.segment import groups, segment
 from algorithms.sizing.thresholds import ThresholdSettings
 from algorithms.trust.feature_class import CLASSES, feature_class
 from algorithms.types import Defect, WallMap
@@ -59,10 +61,33 @@ def measure_defects(
     steepest_light_rad: float,
     settings: SizingSettings,
 ) -> tuple[Defect, ...]:
-    """Every defect deeper than the threshold, in order of distance; `steepest_light_rad` is the widest half angle."""
+    """Every defect deeper than the threshold, and all that stands inward or returned no light, in order of distance.
+
+    `steepest_light_rad` is the widest half angle.
+    """
+
+    def beyond(deviation: Float[np.ndarray, "around along"]) -> list[Defect]:
+        windows = _windows(wall, deviation, threshold_mm, noise_mm, pipe, steepest_light_rad, settings)
+        return [measure_one(wall, window, pipe, steepest_light_rad, settings.limit_pct) for window in windows]
+
+    around = list(rings(wall, deviation_mm, pipe, settings.threshold.min_depth_mm))
+    dents = [as_inward(height) for height in beyond(-deviation_mm)]
+    dents = [d for d in dents if not any(ring.start_mm <= d.distance_mm <= ring.end_mm for ring in around)]
+    return with_dark(wall, (*beyond(deviation_mm), *dents, *around), pipe, steepest_light_rad)
+
+
+def _windows(
+    wall: WallMap,
+    deviation_mm: Float[np.ndarray, "around along"],
+    threshold_mm: Float[np.ndarray, "around along"],
+    noise_mm: Float[np.ndarray, "around along"],
+    pipe: NominalPipe,
+    steepest_light_rad: float,
+    settings: SizingSettings,
+) -> Iterator[Window]:
+    """A window on every group of cells beyond the threshold that is large enough."""
     labels = segment(deviation_mm > threshold_mm, wall, pipe.inner_radius_mm, settings.join_mm)
     deepest = pipe.wall_thickness_mm / np.tan(steepest_light_rad) + LOST_MM  # as far as a shadow can reach
-    found = []
     for columns, rows in groups(labels):
         if columns.size < settings.min_cells:
             continue
@@ -70,18 +95,7 @@ def measure_defects(
         length, width = np.ptp(np.nonzero(window.inside), axis=1)[::-1] + 1
         width_mm = width * wall.cell_arc_mm(pipe.inner_radius_mm)
         if length * wall.cell_z_mm >= settings.min_length_mm and width_mm >= settings.min_width_mm:
-            found.append(measure_one(wall, window, pipe, steepest_light_rad, settings.limit_pct))
-    return tuple(sorted(found, key=lambda defect: defect.start_mm))
-
-
-def groups(labels: Int[np.ndarray, "around along"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Columns (around) and rows (along) of the cells of every group."""
-    cells = np.flatnonzero(labels)
-    of = labels.ravel()[cells]
-    order = np.argsort(of, kind="stable")
-    for part in np.split(cells[order], np.flatnonzero(np.diff(of[order])) + 1):
-        if part.size:
-            yield part // labels.shape[1], part % labels.shape[1]
+            yield window
 
 
 def _window(
@@ -117,13 +131,17 @@ def measure_one(
     depth = floor_of(deviation, inside, window.noise_mm, cell_z)
     level = 0.5 * depth.depth_mm
     floor = inside & (deviation > level)
+    if not floor.any():  # of single spikes smoothing is thought to have taken most: none is as high as half of that
+        level = 0.5 * float(deviation[inside].max())
+        floor = inside & (deviation > level)
     axial = extent_of(edges_of(deviation, floor, level, cell_z, 1 / float(np.tan(steepest_light_rad))), cell_z)
     arc = extent_of(edges_of(deviation.T, floor.T, level, cell_arc), cell_arc)
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
     turn = (window.first_column + (arc.start_mm + arc.end_mm) / 2 / cell_arc) * 2 * np.pi / wall.theta_rad.size
     scanned = wall.scanned()
-    length, width = axial.end_mm - axial.start_mm, arc.end_mm - arc.start_mm
+    # a sliver between unseen wall may come out shorter than the cells it is made of
+    length, width = max(axial.end_mm - axial.start_mm, cell_z), max(arc.end_mm - arc.start_mm, cell_arc)
     loss, loss_std = (100 * part / pipe.wall_thickness_mm for part in (depth.depth_mm, depth.std_mm))
     first, last = window.first_row + rows[0], window.first_row + rows[-1]
     return Defect(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Bool, Int
 from numba import njit
@@ -16,6 +18,16 @@ def segment(
     reach_z = int(join_mm / 2 / wall.cell_z_mm)
     reach_arc = int(join_mm / 2 / wall.cell_arc_mm(inner_radius_mm))
     return numbered(deep, reach_arc, reach_z)
+
+
+def groups(labels: Int[np.ndarray, "around along"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Columns (around) and rows (along) of the cells of every group."""
+    cells = np.flatnonzero(labels)
+    of = labels.ravel()[cells]
+    order = np.argsort(of, kind="stable")
+    for part in np.split(cells[order], np.flatnonzero(np.diff(of[order])) + 1):
+        if part.size:
+            yield part // labels.shape[1], part % labels.shape[1]
 
 
 @njit(cache=True, error_model="numpy")

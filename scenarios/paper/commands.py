@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, no_type_check
 
 import typer
 
 from scenarios.cores import cores
 
-app = typer.Typer(help="Make the paper's table and figures again, with the truth beside them.", no_args_is_help=True)
+app = typer.Typer(help="Make the paper's tables and figures again, with the truth beside them; alone: what it holds.")
 
 Fidelity = Literal["picture", "raycast", "points"]
 Sees = Annotated[Fidelity, typer.Option("--fidelity", help="How frames are made.")]
@@ -21,6 +21,36 @@ OutFolder = Annotated[
     Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.  [default: paper/NAME]")
 ]
 Jobs = Annotated[int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")]
+
+
+@app.callback(invoke_without_command=True)
+@no_type_check  # what typer hands over is its own class's parent
+def paper(
+    context: typer.Context,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON: a list of rows.")] = False,
+) -> None:
+    """Make the paper's tables and figures again, with the truth beside them; alone: the index of all it holds."""
+    if context.invoked_subcommand is None:
+        index(as_json=as_json)
+
+
+@app.command()
+def index(
+    root: Annotated[
+        Path, typer.Option("--from", metavar="DIR", help="Where the commands' folders `paper` and `runs` are.")
+    ] = Path(),
+    page: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write the index as a page, too.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List every equation, figure and table: where it is computed, what makes it, our value, theirs, the verdict."""
+    from scenarios.paper.index import rows_of, words, write_page
+
+    rows = rows_of(root)
+    if page:
+        write_page(rows, page)
+    print(json.dumps(rows, indent=2) if as_json else words(rows) + (f"\npage: {page}" if page else ""))
 
 
 @app.command()

@@ -40,10 +40,11 @@ def calibration_page(
 def _section(section: Section) -> str:
     words = "".join(f"<p>{escape(sentence)}</p>" for sentence in section.sentences)
     pictures = "".join(_figure(picture) for picture in section.pictures)
-    return f"<section><h2>{escape(section.title)}</h2>{words}{_table(section.table)}{pictures}</section>\n"
+    return f"<section><h2>{escape(section.title)}</h2>{words}{table_html(section.table)}{pictures}</section>\n"
 
 
-def _table(rows: Sequence[Sequence[str]]) -> str:
+def table_html(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of plain text, the heads first, as a table that scrolls by itself."""
     if not rows:
         return ""
     head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in rows[0])

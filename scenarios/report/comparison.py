@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from algorithms.types import Defect, Trajectory
-from scenarios.matching import match
+from scenarios.matching import is_obstacle, match
 from scenarios.run import Run
 from sensor_model.geometry import clock_position, wrap_rad
 from twin.features.base import Feature, TrueSize
@@ -35,7 +35,7 @@ class Row:
     """One defect of the report; `number` labels it in table, map and profiles alike."""
 
     number: int
-    kind: Literal["found", "missed", "false call"]
+    kind: Literal["found", "missed", "false call", "part of the pipe"]
     feature: Feature | None
     defect: Defect | None
 
@@ -71,9 +71,14 @@ def rows(run: Run) -> list[Row]:
     paired_features, paired_defects = {i for i, _ in pairs}, {j for _, j in pairs}
     every = [Row(0, "found", features[i], defects[j]) for i, j in pairs]
     every += [Row(0, "missed", feature, None) for i, feature in enumerate(features) if i not in paired_features]
-    every += [Row(0, "false call", None, defect) for j, defect in enumerate(defects) if j not in paired_defects]
+    unpaired = [defect for j, defect in enumerate(defects) if j not in paired_defects]
+    every += [Row(0, _unpaired(run, defect), None, defect) for defect in unpaired]
     every.sort(key=lambda row: row.distance_mm)
     return [Row(number, row.kind, row.feature, row.defect) for number, row in enumerate(every, start=1)]
+
+
+def _unpaired(run: Run, defect: Defect) -> Literal["false call", "part of the pipe"]:
+    return "part of the pipe" if is_obstacle(run.truth.pipe, defect) else "false call"
 
 
 def true_size(row: Row, run: Run) -> TrueSize | None:
@@ -91,7 +96,7 @@ def quantities(row: Row, run: Run) -> list[Quantity]:
     if row.feature is not None:
         length, width, depth = row.feature.size(pipe.bore_radius_mm)
         true, clock_deg = (
-            [row.feature.distance_mm, length, width, depth, depth / pipe.wall_mm * 100],
+            [row.feature.distance_mm, length, width, depth, 0.0 if row.feature.inward else depth / pipe.wall_mm * 100],
             row.feature.clock_deg,
         )
     measured, std = [nothing] * 5, [nothing] * 5

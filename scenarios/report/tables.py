@@ -7,6 +7,8 @@ from math import isfinite, radians
 
 from algorithms.sizing.depth import visible_depth_mm
 from algorithms.sizing.disposition import at_least
+from algorithms.trust.feature_class import CLASSES
+from algorithms.types import Defect
 from scenarios.report.comparison import Quantity, Row, quantities
 from scenarios.report.numbers import NONE, fixed, score_figure, signed
 from scenarios.report.statements import flat
@@ -98,6 +100,8 @@ def _remarks(run: Run, row: Row) -> list[str]:
         said.append("not found by the measurement")
     if row.kind == "false call":
         said.append("no true defect here")
+    if row.kind == "part of the pipe":
+        said.append("a joint, debris or taper of the true pipe; no defect")
     d = row.defect
     if d is not None:
         if d.unseen_share > 0:
@@ -111,17 +115,23 @@ def _remarks(run: Run, row: Row) -> list[str]:
             said.append("cut by the end of the scan, its length is a lower bound")
         if not all(map(isfinite, (d.length_mm, d.width_mm, d.depth_mm))):
             said.append("n/a: an edge was not seen")
-        said += [
-            text
-            for text in (d.disposition, d.feature_class and f"{d.feature_class} (POF class, {INFORMATIVE})")
-            if text
-        ]
+        said += [text for text in (d.disposition, _class_words(d)) if text]
     pipe = run.truth.pipe
-    if row.feature is not None and row.feature.size(pipe.bore_radius_mm).depth_mm >= pipe.wall_mm - 1e-6:
+    feature = row.feature
+    if feature and not feature.inward and feature.size(pipe.bore_radius_mm).depth_mm >= pipe.wall_mm - 1e-6:
         said.append(
             "takes the whole wall; " + ("shows its backing" if pipe.backed else "unbacked, a hole returns no light")
         )
     return said
+
+
+def _class_words(defect: Defect) -> str:
+    """The class, with what it is worth; what stands inward has a height for its depth."""
+    if defect.inward:
+        return f"{defect.feature_class}: stands in by its depth, and takes no wall"
+    if defect.feature_class in CLASSES:
+        return f"{defect.feature_class} (POF class, {INFORMATIVE})"
+    return defect.feature_class
 
 
 def score_tables(run: Run) -> str:

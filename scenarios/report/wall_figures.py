@@ -143,8 +143,9 @@ def _true_outline(axes: Axes, feature: Feature, pipe: Pipe) -> None:
         degrees = np.degrees(theta) + turn
         if degrees[-1] < 0 or degrees[0] > 360:
             continue
-        axes.contour(z, degrees, depth, [size.depth_mm / 2], colors="black", linewidths=2.4)
-        axes.contour(z, degrees, depth, [size.depth_mm / 2], colors="white", linewidths=1.4, linestyles="dashed")
+        half = [-size.depth_mm / 2 if feature.inward else size.depth_mm / 2]
+        axes.contour(z, degrees, depth, half, colors="black", linestyles="solid", linewidths=2.4)
+        axes.contour(z, degrees, depth, half, colors="white", linewidths=1.4, linestyles="dashed")
 
 
 def _map_key(axes: Axes) -> None:

@@ -18,7 +18,7 @@ from scenarios.study.scan import SIZES
 BATCH = 10_000
 FIRST = ("key", "point", "method", "seed")
 LAST = ("state", "cause", "error")
-DEFECT_COLUMNS = ("key", "defect", *(f"{size}_{kind}" for kind in ("true", "measured") for size in SIZES))
+DEFECT_COLUMNS = ("key", "defect", *(f"{size}_{kind}" for kind in ("true", "measured") for size in SIZES), "found")
 
 Format = Literal["csv", "parquet"]
 Table = tuple[dict[str, str], Iterator[list[Any]]]
@@ -63,10 +63,12 @@ def _run_row(row: Row, factors: dict[str, str], figures: int) -> list[Any]:
 
 
 def defects_table(ledger: Ledger) -> Table:
-    """A row a matched defect: its true and its measured sizes."""
-    kinds = ["text", "int", *["float"] * 6]
+    """A row a true defect within what was scanned: its true sizes, the measured ones unless missed, and 1 if found."""
+    kinds = ["text", "int", *["float"] * 6, "int"]
     return dict(zip(DEFECT_COLUMNS, kinds, strict=True)), (
-        [row.key, number, *sizes] for row in ledger.rows() for number, sizes in enumerate(row.defects, start=1)
+        [row.key, number, *sizes, *[None] * (6 - len(sizes)), int(len(sizes) == 6)]
+        for row in ledger.rows()
+        for number, sizes in enumerate(row.defects, start=1)
     )
 
 

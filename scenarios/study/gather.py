@@ -23,6 +23,7 @@ LEADING = (
     "defects_found",
 )
 MOST_LEADING = 4
+SIZED = 6  # of a defect that was found: three true sizes and three measured ones
 
 
 class Mean(NamedTuple):
@@ -85,9 +86,10 @@ def gather(ledger: Ledger) -> Gathered:
         method[i], pair[i] = number[row.method], pairs.setdefault((row.point, row.seed), len(pairs))
         for path, value in zip(paths, row.values, strict=True):
             values[path].append(value)
-        sizes += row.defects
-        measured_by += [number[row.method]] * len(row.defects)
-    defects = np.array(sizes, dtype=float).reshape(-1, 6)
+        found = [one for one in row.defects if len(one) == SIZED]
+        sizes += found
+        measured_by += [number[row.method]] * len(found)
+    defects = np.array(sizes, dtype=float).reshape(-1, SIZED)
     by = np.array(measured_by, dtype=np.int64)
     return Gathered(methods, paths, names, counts, method, pair, values, figures, defects, by)
 

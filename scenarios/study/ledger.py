@@ -74,7 +74,7 @@ class Job(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What became of a run: its figures and matched defects, or the cause and words of its failure."""
+    """What became of a run: its figures and its defects, found or missed, or the cause and words of failure."""
 
     key: str
     seconds: float

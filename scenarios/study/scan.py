@@ -30,11 +30,11 @@ MS_PER_FRAME = "ms_per_frame"
 TALLIED = ("radius_mm", "radius_wall_mm", "center_mm", "center_wall_mm", "normal")
 
 Figures = list[float | int | None]
-Pairs = list[list[float]]
-"""Of each matched defect: true length, width and depth, and the measured ones, mm."""
+Sizes = list[list[float]]
+"""Of each true defect that was scanned: length, width and depth, mm, and, unless missed, the measured ones."""
 
 
-def maker(recipe: dict[str, Any]) -> Callable[[dict[str, Any]], tuple[Figures, Pairs]]:
+def maker(recipe: dict[str, Any]) -> Callable[[dict[str, Any]], tuple[Figures, Sizes]]:
     """What makes the runs of a study from the jobs that a worker gets."""
     import cv2
 
@@ -42,16 +42,16 @@ def maker(recipe: dict[str, Any]) -> Callable[[dict[str, Any]], tuple[Figures, P
     known = Recipe(**{**recipe, "paths": tuple(recipe["paths"]), "record": tuple(recipe["record"])})
     cache = Cache(default_folder(), default_limit_bytes())
 
-    def make(job: dict[str, Any]) -> tuple[Figures, Pairs]:
+    def make(job: dict[str, Any]) -> tuple[Figures, Sizes]:
         scenario = known.scenario(job["values"], job["method"], job["seed"])
-        every, pairs, ms = scan(scenario, cache)
-        return [ms if name == MS_PER_FRAME else every[name] for name in known.record], pairs
+        every, sizes, ms = scan(scenario, cache)
+        return [ms if name == MS_PER_FRAME else every[name] for name in known.record], sizes
 
     return make
 
 
-def scan(scenario: Scenario, cache: Cache) -> tuple[dict[str, Any], Pairs, float]:
-    """The score of one scenario, its matched defects' sizes, and the processor time of a frame from slits to map, ms.
+def scan(scenario: Scenario, cache: Cache) -> tuple[dict[str, Any], Sizes, float]:
+    """The score of one scenario, its true defects' sizes, and the processor time of a frame from slits to map, ms.
 
     The time is that of when the map was made, be it now or by an earlier run.
     """
@@ -60,7 +60,7 @@ def scan(scenario: Scenario, cache: Cache) -> tuple[dict[str, Any], Pairs, float
     parts = cache.arrays("map", keys["map"], lambda: _measured(scenario, truth, cache, keys))
     path, wall, tally = _unpacked(parts, scenario, truth)
     found = sized(path, wall, nominal_rig(scenario), nominal_pipe(scenario), scenario.method)
-    return asdict(score(found, truth, tally)), _pairs(found, truth), float(parts["ms_per_frame"][0])
+    return asdict(score(found, truth, tally)), _sizes(found, truth), float(parts["ms_per_frame"][0])
 
 
 def stage_keys(scenario: Scenario) -> dict[str, str]:
@@ -134,15 +134,19 @@ def _unpacked(parts: dict[str, np.ndarray], scenario: Scenario, truth: Truth) ->
     return Trajectory(**path, reason=reason), WallMap(**of("wall_")), FrameTally(truth.pipe, rig, points, wrong, **rows)
 
 
-def _pairs(found: Reconstruction, truth: Truth) -> Pairs:
-    """Sizes of the matched defects; what was not measured (an edge that was not seen) is left out."""
-    pipe, pairs = truth.pipe, []
-    for i, j in sorted(match(pipe, found.defects)):
-        true = pipe.features[i].size(pipe.bore_radius_mm)
-        sizes = [float(getattr(which, name)) for which in (true, found.defects[j]) for name in SIZES]
-        if all(map(math.isfinite, sizes)):
-            pairs.append(sizes)
-    return pairs
+def _sizes(found: Reconstruction, truth: Truth) -> Sizes:
+    """Sizes of every true defect within what was scanned; what was not measured (an edge not seen) is left out."""
+    pipe, every = truth.pipe, []
+    pairs = dict(match(pipe, found.defects))
+    z_mm = found.wall.z_mm[found.wall.scanned()]
+    for i, feature in enumerate(pipe.features):
+        sizes = [float(size) for size in feature.size(pipe.bore_radius_mm)]
+        if i in pairs:
+            sizes += [float(getattr(found.defects[pairs[i]], name)) for name in SIZES]
+            every += [sizes] if all(map(math.isfinite, sizes)) else []
+        elif z_mm.size and z_mm[0] <= feature.distance_mm <= z_mm[-1]:
+            every.append(sizes)
+    return every
 
 
 def _quiet(stage: str, done: int, total: int) -> None:

@@ -1,4 +1,4 @@
-"""The commands `pipetwin pod` and `pipetwin gauge`: parse, call one function, print."""
+"""The commands `pipetwin pod`, `gauge` and `report`: parse, call one function, print."""
 
 from __future__ import annotations
 
@@ -17,11 +17,18 @@ def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
     app.command()(pod)
     app.command()(gauge)
+    app.command()(report)
 
 
 def pod(
-    file: Csv,
-    size: Annotated[str, typer.Option("--size", metavar="COLUMN", help="True size; 0 where nothing is.")] = "size",
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="CSV|DIR", help="A table with one head line; or a study, a run or a folder of runs."),
+    ],
+    size: Annotated[
+        str | None,
+        typer.Option("--size", metavar="COLUMN", help="True size; 0 where nothing is.  [default: size; true_depth_mm]"),
+    ] = None,
     hit: Annotated[
         list[str] | None, typer.Option("--hit", metavar="COLUMN", help="Hit (1) or miss (0); may repeat, a look each.")
     ] = None,
@@ -44,20 +51,32 @@ def pod(
     signal_scale: Annotated[Scale, typer.Option("--signal-scale", help="The signals' axis.")] = "linear",
     floor: Annotated[bool, typer.Option("--floor", help="Let a hit/miss curve start above 0.")] = False,
     ceiling: Annotated[bool, typer.Option("--ceiling", help="Let a hit/miss curve end below 1.")] = False,
+    method: Annotated[
+        str | None, typer.Option("--method", metavar="NAME", help="Whose measurements, where a study has several.")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Page and figures.  [default: pod/CSV's name]")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Probability of detection from hits and misses or from signals: a50, a90, a90/95, false calls."""
+    """Probability of detection from a table, or straight from scans: a50, a90, a90/95, false calls."""
     from scenarios.trust.looks import question_of
     from scenarios.trust.pod_page import json_figures, run_pod, words
+    from scenarios.trust.scan_looks import HIT, SIZE, TARGET
 
-    given = {"size": size, "hit": tuple(hit or ()), "signal": tuple(signal or ()), "decision": decision, "left": left}
+    if file.is_dir():
+        size, hit, target = size or SIZE, hit or [HIT], target or TARGET
+    given = {
+        "size": size or "size",
+        "hit": tuple(hit or ()),
+        "signal": tuple(signal or ()),
+        "decision": decision,
+        "left": left,
+    }
     given |= {"right": right, "noise_to": noise_to, "target": target, "link": link, "size_scale": size_scale}
     given |= {"signal_scale": signal_scale, "floor": floor, "ceiling": ceiling}
     out = out or Path("pod") / file.stem
-    found = run_pod(file, question_of(given), out)
+    found = run_pod(file, question_of(given), out, method)
     print(json.dumps(json_figures(found), indent=2) if as_json else f"{words(found)}\nreport: {out / 'report.html'}")
 
 
@@ -79,3 +98,20 @@ def gauge(
     out = out or Path("gauge") / file.stem
     found = run_gauge(file, part, operator, value, out)
     print(json.dumps(figures(found), indent=2) if as_json else f"{words(found)}\nreport: {out / 'report.html'}")
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders that `run` made.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Page and rows.  [default: performance]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Performance over runs as the trade states it: unity plot, classes, detection, false calls, stated intervals."""
+    from scenarios.trust.performance_page import figures, run_report, words
+
+    out = out or Path("performance")
+    found, pod = run_report(runs, out)
+    print(
+        json.dumps(figures(found, pod), indent=2) if as_json else f"{words(found, pod)}\nreport: {out / 'report.html'}"
+    )

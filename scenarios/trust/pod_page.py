@@ -14,13 +14,15 @@ from algorithms.trust.curve import NoCurve, one_sided_drop, to_size, to_x
 from algorithms.trust.detection import CONFIDENCE, POD, lower_curve
 from algorithms.trust.exact_bounds import share_of
 from algorithms.trust.signal_response import SignalCurve
+from scenarios.document import BadInput, shown
 from scenarios.provenance import versions
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import BLACK, BLUE, GREEN, VERMILION, Picture, drawing, to_picture
-from scenarios.report.plain_rows import text_table
+from scenarios.report.plain_rows import text_table, write_rows
 from scenarios.run_folder import run_folder
 from scenarios.trust.looks import PodQuestion, Row
 from scenarios.trust.pod import Pod, pod_of
+from scenarios.trust.scan_looks import looks_of
 from scenarios.trust.signal_figures import axis_points, decision_picture, signal_picture, size_axis
 
 if TYPE_CHECKING:
@@ -37,14 +39,20 @@ OTHERS |= {"a90_95_handbook": "a90/95 (3.841)", "outcome": "outcome"}
 SIGNALS = {"straight": "p straight", "one_spread": "p one spread", "normal": "p normal"}
 
 
-def run_pod(file: Path, question: PodQuestion, out: Path) -> Pod:
+def run_pod(source: Path, question: PodQuestion, out: Path, method: str | None = None) -> Pod:
     """Fit, and write the page, the figures as JSON and the curve with its bound as CSV into a folder.
 
+    `source` is a table of looks, or a folder of scans (a study, a run, runs), whose looks are written there, too.
+
     Raises:
-        BadInput: for a table that cannot be used, or a folder that cannot be written.
+        BadInput: for a table or scans that cannot be used, or a folder that cannot be written.
     """
-    pod = pod_of(file, question)
+    if method is not None and not source.is_dir():
+        raise BadInput([f"--method: got {shown(method)}; {source} is a table, not a study"])
     with run_folder(out) as folder:
+        if scans := source.is_dir():
+            write_rows(looks_of(source, method), folder / "looks")
+        pod = pod_of(folder / "looks.csv" if scans else source, question)
         rows = curve_rows(pod)
         (folder / "pod.json").write_text(json.dumps(json_figures(pod), indent=1, allow_nan=False) + "\n")
         if rows:
@@ -52,7 +60,7 @@ def run_pod(file: Path, question: PodQuestion, out: Path) -> Pod:
                 table = csv.DictWriter(target, ["size", "pod", "pod_lower_95"])
                 table.writeheader()
                 table.writerows(rows)
-        (folder / "report.html").write_text(page(file, pod, rows), encoding="utf-8")
+        (folder / "report.html").write_text(page(source, pod, rows), encoding="utf-8")
         (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
     return pod
 
@@ -170,7 +178,7 @@ def _other_columns(pod: Pod) -> dict[str, str]:
 
 def page(file: Path, pod: Pod, rows: list[Row]) -> str:
     """The page: the curve, the figures, the other models, and what is weak."""
-    pictures = [_curve_picture(pod, rows)] if rows else []
+    pictures = [curve_picture(pod, rows)] if rows else []
     if isinstance(pod.curve, SignalCurve):
         pictures.insert(0, signal_picture(pod.curve))
         pictures += [decision_picture(pod)] if pod.figures.get("decisions") else []
@@ -194,7 +202,7 @@ def _cell(value: Any) -> str:
     return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _curve_picture(pod: Pod, rows: list[Row]) -> Picture:
+def curve_picture(pod: Pod, rows: list[Row]) -> Picture:
     """POD over size with its bound; hits and misses in bins, or as a rug."""
     size, curve, lower = (np.array([row[key] for row in rows]) for key in ("size", "pod", "pod_lower_95"))
     with drawing(4.6) as figure:

@@ -299,9 +299,73 @@ def test_a_map_of_nothing_has_no_defect_and_in_one_row_of_cells_it_is_cut():
     assert found.length_std_mm > 1  # neither end was seen
 
 
-def test_a_wall_that_stands_in_is_no_defect():
+DENT = {"kind": "dent", "distance_mm": 150, "clock_deg": 120, "length_mm": 40, "width_mm": 30, "depth_mm": 3}
+HOLE = {"kind": "hole", "distance_mm": 150, "clock_deg": 120, "diameter_mm": 30, "depth_mm": 7.5}
+
+
+def test_a_wall_that_stands_in_is_no_loss_and_not_silently_lost():
     wall = _map(_pipe(POCKET))
-    assert _measure(replace(wall, radius_mm=2 * 76.2 - wall.radius_mm)) == ()
+    (found,) = _measure(replace(wall, radius_mm=2 * 76.2 - wall.radius_mm))
+    assert found.inward
+    assert found.wall_loss_pct == found.volume_mm3 == 0
+    assert found.disposition == ""
+
+
+def test_a_dent_is_sized_by_its_height_beside_a_pocket():
+    dent, pocket = _measure(_map(_pipe(DENT, {**POCKET, "distance_mm": 220, "clock_deg": 250})))
+    assert (dent.feature_class, pocket.feature_class) == ("inward", "general")
+    assert dent.depth_mm == pytest.approx(3, abs=0.1)
+    assert dent.length_mm == pytest.approx(40, abs=0.8)
+    assert dent.width_mm == pytest.approx(30, abs=1.0)
+    assert pocket.depth_mm == pytest.approx(7.5, abs=0.1)
+
+
+@pytest.mark.parametrize(("height_mm", "length_mm"), [(1.5, 8.0), (5.0, 20.0)])
+def test_a_bead_all_around_is_a_ring(height_mm, length_mm):
+    pipe = _pipe(joints=[{"distance_mm": 150, "bead_mm": length_mm, "bead_height_mm": height_mm}])
+    (ring,) = _measure(_map(pipe, hide=lambda theta, z: (theta < 0.3) | (theta > 6.0) | (z < -1)))
+    assert ring.feature_class == "inward ring"
+    assert ring.depth_mm == pytest.approx(height_mm, abs=0.2)
+    assert ring.length_mm == pytest.approx(length_mm, abs=0.5)
+    assert ring.distance_mm == pytest.approx(150, abs=0.3)
+
+
+def _dark(radius_mm):
+    """What a hole of a radius hides of the map."""
+    return lambda theta, z: np.hypot(z - 150, 76.2 * (theta - np.radians(120))) < radius_mm
+
+
+def test_a_long_dark_place_goes_through_and_a_short_one_returned_no_light():
+    (hole,) = _measure(_map(_pipe(), hide=_dark(15.0)))
+    assert (hole.feature_class, hole.disposition) == ("through", "reject")
+    assert hole.wall_loss_pct == 100
+    assert hole.length_mm == pytest.approx(30, abs=2)
+    assert hole.width_mm == pytest.approx(30, abs=3)
+    assert np.degrees(hole.theta_rad) == pytest.approx(120, abs=1)
+    (short,) = _measure(_map(_pipe(), hide=_dark(5.0)))
+    assert (short.feature_class, short.floor_seen) == ("no light returned", False)
+    assert at_least(short.depth_mm, short.depth_std_mm) == 0
+
+
+def test_a_shadow_of_what_was_sized_is_no_hole():
+    deep = {**POCKET, "length_mm": 80}
+    hide = lambda theta, z: (np.abs(theta - np.radians(120)) < 0.25) & (np.abs(z - 115) < 6.6)  # noqa: E731
+    (pocket,) = _measure(_map(_pipe(deep), hide=hide))
+    assert pocket.feature_class == "general"
+    (dent,) = _measure(_map(_pipe(DENT), hide=lambda theta, z: hide(theta, z - 62)))
+    assert dent.inward
+
+
+def test_a_sliver_of_a_defect_between_unseen_wall_is_as_long_as_a_cell_at_least():
+    hide = lambda theta, z: (np.abs(theta - np.radians(120)) < 0.25) & (np.abs(z - 125) < 14)  # noqa: E731
+    found = _measure(_map(_pipe({**POCKET, "length_mm": 80}), hide=hide))
+    assert all(defect.length_mm >= 1 for defect in found)
+    assert max(defect.length_mm for defect in found) == pytest.approx(51, abs=1)
+
+
+def test_gaps_of_a_wall_that_few_rings_looked_at_are_no_holes():
+    wall = _map(_pipe(), hide=_dark(15.0))
+    assert _measure(replace(wall, count=np.minimum(wall.count, 1))) == ()
 
 
 def test_where_everything_is_a_defect_it_is_one_and_cut():
@@ -334,3 +398,14 @@ def test_a_fine_map_sizes_a_narrow_scratch():
     assert found.width_mm == pytest.approx(2, abs=0.3)
     assert found.depth_mm == pytest.approx(1, abs=0.12)
     assert found.length_mm == pytest.approx(50, abs=0.7)
+
+
+def test_spikes_that_smoothing_would_take_are_sized_by_what_they_are():
+    wall = _map(_pipe(), noise=0.02)
+    deviation = deviation_mm(wall)
+    deviation[100:112:2, 140:152:2] = 4.0  # every other cell, as frames that do not fit together leave them
+    noise = np.full(deviation.shape, 0.02)
+    settings = SizingSettings(join_mm=5.0)
+    (found,) = measure_defects(wall, deviation, np.full(deviation.shape, 0.4), noise, NOMINAL, STEEPEST, settings)
+    assert found.depth_std_mm > 1.0
+    assert found.length_mm == pytest.approx(11, abs=3)

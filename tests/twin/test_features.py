@@ -23,6 +23,8 @@ EXAMPLES = [
     {"kind": "scratch", "path_length_mm": 60, "width_mm": 4, "depth_mm": 2, "branch_length_mm": 25},
     {"kind": "pit", "diameter_mm": 3, "depth_mm": 1.5},
     {"kind": "corrosion", "length_mm": 60, "width_mm": 40, "depth_mm": 3},
+    {"kind": "dent", "length_mm": 30, "width_mm": 20, "depth_mm": 4},
+    {"kind": "hole", "diameter_mm": 12, "depth_mm": 7.5},
     {"kind": "corrosion", "length_mm": 30, "width_mm": 50, "depth_mm": 4, "grain_mm": 5, "seed": 7},
 ]
 IDS = [f"{e['kind']}-{i}" for i, e in enumerate(EXAMPLES)]
@@ -30,13 +32,15 @@ IDS = [f"{e['kind']}-{i}" for i, e in enumerate(EXAMPLES)]
 
 def _pipe(example, clock_deg=0.0, **settings):
     feature = {**example, "distance_mm": 100, "clock_deg": clock_deg}
+    settings = {"backed": example["kind"] != "hole", **settings}
     return Pipe(inner_radius_mm=R, wall_thickness_mm=7.5, features=[feature], **settings)
 
 
 def _depths(pipe, clock_deg):
-    """Depth on a grid of 0.1 mm around the feature's middle."""
+    """Depth on a grid of 0.1 mm around the feature's middle; of a dent the height."""
     arc, z = np.arange(-45, 45, 0.1), np.arange(55, 145, 0.1)
-    return arc, z, pipe.radius(np.radians(clock_deg) + arc[:, None] / R, z[None, :]) - R
+    depth = pipe.radius(np.radians(clock_deg) + arc[:, None] / R, z[None, :]) - R
+    return arc, z, -depth if pipe.features[0].inward else depth
 
 
 def test_every_family_has_an_example():
@@ -85,6 +89,34 @@ def test_overlapping_features_take_the_deeper():
     )
     assert both.radius(0.0, 100.0) == pytest.approx(R + 5)
     assert both.radius(0.0, 125.0) == pytest.approx(R + 2)
+
+
+def test_dents_narrow_the_bore_and_what_touches_adds_up():
+    dent = {"kind": "dent", "length_mm": 30, "width_mm": 20, "depth_mm": 4, "clock_deg": 90}
+
+    def pipe(*distances_mm):
+        features = [{**dent, "distance_mm": z} for z in distances_mm]
+        return Pipe(inner_radius_mm=R, wall_thickness_mm=7.5, features=features)
+
+    assert pipe(0, 200).wall.smallest_radius == R - 4
+    assert pipe(0, 20, 200).wall.smallest_radius == R - 8
+    both = pipe(0, 20)
+    assert both.radius(np.radians(90), np.linspace(-40, 60, 501)).min() >= both.wall.smallest_radius
+    assert both.radius(np.radians(90), 10.0) < pipe(0).radius(np.radians(90), 10.0)
+    with pytest.raises(ValueError, match="leave no bore"):
+        Pipe(inner_radius_mm=R, wall_thickness_mm=7.5, features=[{**dent, "distance_mm": 0, "depth_mm": 77}])
+
+
+def test_a_hole_needs_the_whole_wall_and_no_backing():
+    hole = {"kind": "hole", "diameter_mm": 12, "depth_mm": 7.5, "distance_mm": 100}
+    for wrong, said in (
+        ({"depth_mm": 5}, "whole wall, 7.5 mm"),
+        ({"edge_width_mm": 20}, "must not exceed the diameter"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Pipe(inner_radius_mm=R, wall_thickness_mm=7.5, backed=False, features=[{**hole, **wrong}])
+    with pytest.raises(ValueError, match="needs backed: false"):
+        Pipe(inner_radius_mm=R, wall_thickness_mm=7.5, features=[hole])
 
 
 def test_a_wall_taken_whole_is_backed_or_a_hole():

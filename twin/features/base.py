@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +16,7 @@ CENTER_Z, CENTER_THETA, HALF_BOX_Z, HALF_BOX_ARC, FIRST_OWN = range(5)
 
 
 class TrueSize(NamedTuple):
-    """A feature's exact size: axial length and arc width at half the largest depth, and that depth."""
+    """A feature's exact size: axial length and arc width at half the largest depth, and that depth (inward: height)."""
 
     length_mm: float
     width_mm: float
@@ -50,7 +50,10 @@ class Feature(Settings):
 
     A family gives `size` (what a perfect measurement would say) and `row`: the numbers that its compiled `depth_mm`
     reads, after four that every family shares (centre z, centre theta, and the half extents outside which it is zero).
+    Families that stand `inward` narrow the bore, and their depth is a height.
     """
+
+    inward: ClassVar[bool] = False
 
     distance_mm: float
     clock_deg: ClockDeg = 0.0

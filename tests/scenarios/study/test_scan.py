@@ -78,6 +78,19 @@ def test_methods_measure_one_recording_and_no_stage_is_made_twice(recipe, tmp_pa
     assert figures[0] != figures[1]
 
 
+def test_a_defect_that_was_missed_is_a_row_too_and_one_that_was_not_scanned_is_none(recipe, tmp_path: Path):
+    scenario = _scenario(recipe)
+    pocket = scenario.pipe.features[0]
+    shallow = pocket.model_copy(update={"depth_mm": 0.01, "clock_deg": 240.0})
+    beyond = pocket.model_copy(update={"distance_mm": scenario.pipe.end_mm - 30})
+    pipe = scenario.pipe.model_copy(update={"features": (shallow, pocket, beyond)})
+    _, sizes, _ = scan(scenario.model_copy(update={"pipe": pipe}), Cache(tmp_path / "cache", 1e9))
+    assert sizes[0] == [40.0, 30.0, 0.01]
+    assert sizes[1][:3] == [40.0, 30.0, 5.0]
+    assert len(sizes[1]) == 6
+    assert len(sizes) == 2
+
+
 def test_pictures_are_decoded_once(recipe, tmp_path: Path, monkeypatch):
     drawn = _scenario(recipe)
     truth = simulate(drawn.pipe, drawn.robot, drawn.drive, stream(0, "drive"))
