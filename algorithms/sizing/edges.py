@@ -62,11 +62,7 @@ def edges_of(
     starts = []
     for k, (before, first, _, _) in zip(lines, wall, strict=True):
         reach = deviation[k, first] * shadow
-        if (
-            before >= 0
-            and GAP_MM / cell_mm < first - before < reach + lost
-            and _is_shadow(deviation[k], before, first, shadow)
-        ):
+        if before >= 0 and first - before > GAP_MM / cell_mm and _is_shadow(deviation[k], before, first, shadow):
             starts.append(_rim(before, first, reach, foot, level * shadow))
         else:
             starts.append(_crossing(deviation[k], before, first, level, lost))
@@ -100,7 +96,8 @@ def _foot(deviation: np.ndarray, lines: np.ndarray, wall: list, level: float, lo
 def _is_shadow(deviation: np.ndarray, wall: int, first: int, shadow: float) -> bool:
     """Whether the floor behind a gap is as deep as where light that passes the gap's beginning falls on it.
 
-    A gap in front of a shallower place is no shadow: too few points fell there.
+    A gap in front of a shallower place is no shadow: too few points fell there. One longer than its floor's depth
+    throws has wall and floor beside it that no slit was found on: what is open of the rim says so.
     """
     return bool((deviation[first] - deviation[wall]) * shadow > SHADOW_SHARE * (first - wall - 1))
 

@@ -102,16 +102,18 @@ def test_every_family_is_found_and_sized(feature):
     assert found.width_mm == pytest.approx(true.width_mm, abs=3.0)
 
 
-def test_a_shadow_under_the_near_rim_does_not_move_the_edge():
+@pytest.mark.parametrize("margin_mm", [2.5, 4.0])
+def test_a_shadow_under_the_near_rim_does_not_move_the_edge(margin_mm):
     start, run = 115.0, 7.5 / np.tan(STEEPEST)
 
     def hidden(theta, z):
         inside = np.abs(np.degrees(theta) - 120) < 13.2
-        return inside & (z > start - 2.5) & (z < start + run + 2.5)
+        return inside & (z > start - margin_mm) & (z < start + run + margin_mm)
 
     (found,) = _measure(_map(_pipe(POCKET), hide=hidden))
     assert found.start_mm == pytest.approx(start, abs=0.7)
     assert found.length_mm == pytest.approx(70, abs=1.0)
+    assert found.length_std_mm < 3.0
 
 
 def test_a_place_that_only_a_blurred_ring_saw_is_no_defect():
