@@ -67,6 +67,25 @@ def biased(recipe: dict[str, Any]):
     return make
 
 
+def planned(recipe: dict[str, Any]):
+    """A scan that finds what is deeper than 1 mm, give or take the seed's tenth, and sizes it 0.1 mm too deep."""
+    from twin.features import FAMILIES
+
+    bore = recipe["base"]["pipe"]["inner_radius_mm"]
+
+    def make(job: dict[str, Any]):
+        told = dict(zip(recipe["paths"], job["values"], strict=True))
+        defects = []
+        for feature in told["pipe.features"]:
+            true = list(FAMILIES[feature["kind"]].model_validate(feature).size(bore))
+            found = true[2] > 1 + 0.1 * (job["seed"] % 7 - 3)
+            defects.append([*true, true[0] + 0.2, true[1] - 0.3, true[2] + 0.1] if found else true)
+        known = {"seen_share": 0.86, "false_calls": 0, "distance_error_pct": 0.01, "roll_rms_deg": 0.2}
+        return [known.get(name, 1.0) for name in recipe["record"]], defects
+
+    return make
+
+
 def act(what: Any) -> None:
     """Misbehave."""
     if what == -1:

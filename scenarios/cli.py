@@ -16,6 +16,7 @@ from scenarios.bench.commands import app as bench_commands
 from scenarios.cores import cores
 from scenarios.fidelity import commands as fidelity_commands
 from scenarios.paper.commands import app as paper_commands
+from scenarios.plan import commands as plan_commands
 from scenarios.study import commands as study_commands
 from scenarios.trust import commands as trust_commands
 
@@ -215,6 +216,7 @@ def doctor(as_json: AsJson = False) -> None:
 trust_commands.register(app)
 study_commands.register(app)
 fidelity_commands.register(app)
+plan_commands.register(app)
 
 
 def _figure(value: Any) -> str:

@@ -84,9 +84,16 @@ class Saltelli(_Balanced):
     kind: Literal["saltelli"] = "saltelli"
 
 
-Design = Grid | LatinHypercube | Sobol | Saltelli
-DESIGNS: dict[str, type[Grid] | type[LatinHypercube] | type[Sobol] | type[Saltelli]] = {
+class Rows(_Replicated):
+    """The first values of all factors together, then the second, and so on: lists of one length, as rows of a table."""
+
+    kind: Literal["rows"] = "rows"
+
+
+Design = Grid | LatinHypercube | Sobol | Saltelli | Rows
+DESIGNS: dict[str, type[Grid] | type[LatinHypercube] | type[Sobol] | type[Saltelli] | type[Rows]] = {
     "grid": Grid,
+    "rows": Rows,
     "latin-hypercube": LatinHypercube,
     "sobol": Sobol,
     "saltelli": Saltelli,
@@ -97,6 +104,8 @@ def point_count(design: Design, factors: Sequence[Factor]) -> int:
     """How many points a design has."""
     if isinstance(design, Grid):
         return prod(len(factor.levels() or ()) for factor in factors)
+    if isinstance(design, Rows):
+        return len(factors[0].levels() or ())
     return design.points * (len(factors) + 2 if isinstance(design, Saltelli) else 1)
 
 
@@ -104,6 +113,8 @@ def points(design: Design, factors: Sequence[Factor]) -> Iterator[tuple[Any, ...
     """The design's points: a value for every factor. The same design gives the same points in the same order."""
     if isinstance(design, Grid):
         return product(*(factor.levels() or () for factor in factors))
+    if isinstance(design, Rows):
+        return zip(*(factor.levels() or () for factor in factors), strict=True)
     unit = _unit(design, len(factors))
     return zip(*(factor.at(column) for factor, column in zip(factors, unit.T, strict=True)), strict=True)
 

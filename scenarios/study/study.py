@@ -12,7 +12,7 @@ from pydantic import Field
 from scenarios.document import BadInput, Document, Keys, dotted, nearest, read_file, shown, with_part, with_values
 from scenarios.load import Fault, checked, fault_lines, library, to_scenario
 from scenarios.score import MEANINGS
-from scenarios.study.design import DESIGNS, Design, Grid, point_count
+from scenarios.study.design import DESIGNS, Design, Grid, Rows, point_count
 from scenarios.study.factors import DISTRIBUTIONS, MOST_LEVELS, Factor, Levels, Range, same_values
 from sensor_model.settings import Settings
 
@@ -98,11 +98,23 @@ def sound_study(document: Document, path: Path) -> Study:
 # ---- factors and design
 
 
-def _factors(given: Any) -> tuple[dict[str, Factor], list[Fault]]:
+def factors_of(document: Document, given: dict[str, Any], key: str) -> dict[str, Factor]:
+    """The factors that a mapping below a document's key states.
+
+    Raises:
+        BadInput: with a line for every fault.
+    """
+    found, faults = _factors(given, key)
+    if lines := fault_lines(document, faults):
+        raise BadInput(lines)
+    return found
+
+
+def _factors(given: Any, key: str = "factors") -> tuple[dict[str, Factor], list[Fault]]:
     found: dict[str, Factor] = {}
     faults: list[Fault] = []
     for path, value in given.items() if isinstance(given, dict) else ():
-        factor, more = _factor(("factors", path), value)
+        factor, more = _factor((key, path), value)
         faults += more
         if factor is not None:
             found[path] = factor
@@ -151,11 +163,16 @@ def _unfit(design: Design, factors: dict[str, Factor]) -> Iterator[Fault]:
     if not isinstance(design, Grid):
         if not factors:
             yield Fault(("design",), design.kind, "there are no factors to draw; give some, or kind: grid")
-        return
+        if not isinstance(design, Rows):
+            return
     for path, factor in factors.items():
         if factor.levels() is None:
             allowed = "a grid needs a list, or a range with steps; or give design.kind latin-hypercube or sobol"
-            yield Fault(("factors", path), "no levels", allowed)
+            yield Fault(("factors", path), "no levels", allowed.replace("a grid", f"{design.kind}"))
+    lengths = {path: len(factor.levels() or ()) for path, factor in factors.items()}
+    if isinstance(design, Rows) and len(set(lengths.values())) > 1:
+        said = ", ".join(f"{path} {n}" for path, n in lengths.items())
+        yield Fault(("design",), "rows", f"all factors must have as many values; there are: {said}")
 
 
 def _unknown_figures(given: Any) -> list[Fault]:

@@ -8,6 +8,7 @@ from numba import njit
 from pydantic import Field
 
 from twin.features import corrosion, dent, hole, pit, pocket, scratch
+from twin.features.base import Feature
 from twin.features.corrosion import Corrosion
 from twin.features.dent import Dent
 from twin.features.hole import Hole
@@ -15,7 +16,14 @@ from twin.features.pit import Pit
 from twin.features.pocket import Pocket
 from twin.features.scratch import Scratch
 
-FAMILIES = {"pocket": Pocket, "pit": Pit, "scratch": Scratch, "corrosion": Corrosion, "dent": Dent, "hole": Hole}
+FAMILIES: dict[str, type[Feature]] = {
+    "pocket": Pocket,
+    "pit": Pit,
+    "scratch": Scratch,
+    "corrosion": Corrosion,
+    "dent": Dent,
+    "hole": Hole,
+}
 CODES = {kind: code for code, kind in enumerate(FAMILIES)}
 
 AnyFeature = Annotated[Pocket | Pit | Scratch | Corrosion | Dent | Hole, Field(discriminator="kind")]

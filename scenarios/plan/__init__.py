@@ -1,0 +1,1 @@
+"""What a deployment asks for in, what to promise of it out: from a study whose size it chooses."""
