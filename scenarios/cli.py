@@ -14,6 +14,7 @@ import typer
 from scenarios import calibrate_commands
 from scenarios.bench.commands import app as bench_commands
 from scenarios.cores import cores
+from scenarios.field import identify_commands
 from scenarios.paper.commands import app as paper_commands
 from scenarios.study import commands as study_commands
 from scenarios.trust import commands as trust_commands
@@ -28,6 +29,7 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 calibrate_commands.register(app)
+identify_commands.register(app)
 
 app.add_typer(bench_commands, name="bench")
 app.add_typer(paper_commands, name="paper")

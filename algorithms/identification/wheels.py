@@ -1,0 +1,81 @@
+"""What the encoders tell of each other: how far each wheel goes for what it counts, which one is dead, how they slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from algorithms.identification.estimate import BLOCKS, Quantity, Unknown, blocks_of, of_blocks
+from algorithms.robust import spread
+
+DEAD_SHARE = 0.1  # a wheel that rolls less than this of what the others roll
+LEAST_TRAVEL_MM = 20.0
+JOLT_SPREADS = 6.0  # a stretch so far from the others holds a slip of that wheel alone
+
+
+@dataclass(frozen=True)
+class WheelFigures:
+    """Scales beside the mean of the live wheels (shares; how much further each goes than it counts), and what is dead.
+
+    `disagreement_mm` is the RMS by which the wheels' ways differ in a tenth of a second once scaled.
+    """
+
+    scale: tuple[Quantity, ...]
+    dead: Bool[np.ndarray, "wheels"]
+    disagreement_mm: Quantity
+
+
+def wheel_figures(rolled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> WheelFigures:
+    """From the way that each wheel rolled at each of its stamps."""
+    way = np.abs(np.diff(rolled_mm, axis=0)).sum(axis=0)
+    dead = way < DEAD_SHARE * np.median(way)
+    count = rolled_mm.shape[1]
+    if float(np.median(way)) < LEAST_TRAVEL_MM or np.count_nonzero(~dead) < 2:
+        words = f"the wheels rolled {np.median(way):.1f} mm; {LEAST_TRAVEL_MM:g} mm by two live wheels are needed"
+        return WheelFigures((Unknown(words),) * count, dead, Unknown(words))
+    live = rolled_mm[:, ~dead]
+    # stretches of equal way, so that a stop is none of them
+    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(live.mean(axis=1))))])
+    edges = np.searchsorted(along, np.linspace(0, along[-1], 2 * BLOCKS + 1)[1:-1])
+    edges = np.concatenate([[0], edges, [len(live) - 1]])
+    parts = np.array([np.abs(np.diff(live[a : b + 1], axis=0)).sum(axis=0) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    ratio = parts.mean(axis=1, keepdims=True) / parts - 1
+    # a stretch begins and ends somewhere within a count
+    fine = _count_mm(live) / parts.mean()
+    calm = np.abs(ratio - np.median(ratio, axis=0)) <= JOLT_SPREADS * np.maximum([spread(r) for r in ratio.T], fine)
+    calm = calm.all(axis=1)  # a wheel that slips shifts the mean for all
+    found, scales = iter(ratio[calm].T), np.zeros(count)
+    steps = fine * np.sqrt(1 / 6 / max(np.count_nonzero(calm), 1))
+    scale: list[Quantity] = []
+    for wheel in range(count):
+        if dead[wheel]:
+            scale.append(Unknown("the wheel stands while the others roll"))
+            continue
+        quantity = of_blocks(next(found), "the wheels against each other, by stretches of way", float(steps))
+        scale.append(quantity)
+        scales[wheel] = getattr(quantity, "value", 0.0)
+    return WheelFigures(tuple(scale), dead, _disagreement(live * (1 + scales[~dead]), step_s))
+
+
+def _count_mm(rolled_mm: Float[np.ndarray, "k wheels"]) -> float:
+    """The way of one count: the least that any wheel went between two stamps."""
+    steps = np.abs(np.diff(rolled_mm, axis=0))
+    return float(steps[steps > 0].min())
+
+
+def _disagreement(scaled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> Quantity:
+    """RMS of how the wheels' ways differ over a tenth of a second, by stretches of time."""
+    stride = max(round(0.1 / step_s), 1)
+    steps = np.diff(scaled_mm[::stride], axis=0)
+    off = steps - steps.mean(axis=1, keepdims=True)
+    rms = np.array([np.sqrt(np.mean(off[part] ** 2)) for part in blocks_of(off.shape[0])])
+    return of_blocks(rms, "the scaled wheels against their mean, per 0.1 s")
+
+
+def consensus_mm(rolled_mm: Float[np.ndarray, "k wheels"], figures: WheelFigures) -> Float[np.ndarray, "k"]:
+    """The way of the robot by its middle live wheel, scaled."""
+    scales = np.array([getattr(one, "value", 0.0) for one in figures.scale])
+    steps = np.diff(rolled_mm, axis=0, prepend=rolled_mm[:1]) * (1 + scales)
+    return np.cumsum(np.median(steps[:, ~figures.dead], axis=1))
