@@ -14,14 +14,14 @@ from algorithms.identification.estimate import Estimate, Quantity, Unknown, abou
 from algorithms.identification.inertial import Band, Imu
 from algorithms.identification.way import Way, path_quantities, rows_by_wheels, rows_of
 from algorithms.identification.slits import SlitFigures
-from algorithms.identification.scan import COMMON_PRIOR_PCT, Walk
+from algorithms.identification.scan import Walk
 from algorithms.identification.wheels import WheelFigures, consensus_mm, wheel_figures
 from algorithms.localisation.wheels import wheel_distances_mm
 from algorithms.types import Defect, Trajectory
 from sensor_model.recording import Recording
 
 FORCE_BIAS_STD_M_S2 = 0.02  # what an accelerometer may be off by along the pipe, which a slope hides
-TOLD_SHARE = 0.6  # the rings tell a common scale that they make so much surer than it was taken to be
+TOLD_PCT = 0.5  # a common scale less sure than this is not told
 LEAST_FRAMES = 10
 DEG = float(np.degrees(1.0))
 
@@ -142,8 +142,8 @@ def _common_scale(agreed_mm: Float[np.ndarray, "k"], walked: Walk) -> Quantity:
     way, counted = walked.found.trajectory, float(np.ptp(agreed_mm))
     went = float(np.ptp(way.T_pipe_camera[:, 2, 3]))
     std_pct = 100 * float(np.sqrt(way.covariance[-1, 2, 2])) / max(counted, 1e-9)
-    if std_pct > TOLD_SHARE * COMMON_PRIOR_PCT:
-        return Unknown("no part of the wall was seen by several rings, and encoders alone do not show it")
+    if std_pct > TOLD_PCT:
+        return Unknown(f"what several rings saw of the same wall tells it to {std_pct:.1f} % only, encoders not at all")
     words = "what several rings saw of the same wall, against the wheels; slip that all share is in it"
     return about(100 * (went / counted - 1), std_pct, int(np.count_nonzero(way.registered)), words)
 

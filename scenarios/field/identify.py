@@ -129,7 +129,7 @@ def _of_recording(folder: Path, rig: Rig | None, optics: Optics, name: str, prog
         raise BadInput([str(error)]) from error
     if rig is not None:
         recording = _with_rig(recording, rig)
-    walked = walk(recording, _seen(recording, progress))
+    walked = walk(recording, seen_frames(recording, progress))
     found = identify_log(recording, walked)
     points = recording.frame_files[0].endswith(SLIT_PIXELS_SUFFIX)
     if not points:
@@ -155,13 +155,18 @@ def _with_rig(recording: Recording, rig: Rig) -> Recording:
     return replace(recording, rig=rig)
 
 
-def _seen(recording: Recording, progress: Progress) -> Iterator[SlitPixels]:
+def seen_frames(recording: Recording, progress: Progress) -> Iterator[SlitPixels]:
+    """The slit pixels of every frame, decoded where it is a picture.
+
+    Raises:
+        BadInput: for a frame that cannot be read.
+    """
     for index in range(len(recording)):
         try:
             yield see(recording[index], recording.rig, IDENTIFYING)
         except BadRecording as error:
             raise BadInput([str(error)]) from error
-        progress("identify", index + 1, len(recording))
+        progress(f"measure {recording.folder.parent.name}", index + 1, len(recording))
 
 
 def _picture_quantities(

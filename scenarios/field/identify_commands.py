@@ -14,6 +14,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
     app.command()(identify)
+    app.command()(compare)
 
 
 def identify(
@@ -40,3 +41,23 @@ def identify(
     print(json.dumps(figures, indent=2) if as_json else words(figures))
     page = out.with_name(f"{out.stem}-identify.html")
     typer.echo(f"scenario: {out}\npage: {page}", err=as_json)
+
+
+def compare(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The log: a run or a recording.")],
+    replay: Annotated[Path, typer.Argument(metavar="REPLAY", help="Its twin: a run or a recording.")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where page and JSON go.")] = Path("compared"),
+    as_json: AsJson = False,
+) -> None:
+    """Hold a twin's run against the log that it is to be like: figure by figure, inside or outside the log's spread."""
+    from scenarios.field.compare import compare as compare_logs
+    from scenarios.field.identify_text import compared_words
+    from scenarios.progress import Progress
+
+    progress = Progress()
+    try:
+        figures = compare_logs(run, replay, out, progress)
+    finally:
+        progress.close()
+    print(json.dumps(figures, indent=2) if as_json else compared_words(figures))
+    typer.echo(f"page: {out / 'compare.html'}", err=as_json)

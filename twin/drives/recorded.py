@@ -76,6 +76,11 @@ class RecordedDrive(Settings):
         return self.rows[-1][1]
 
     @property
+    def speed_mm_s(self) -> float:
+        """The fastest that it goes between two rows, to a tenth."""
+        return round(max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(self.rows)), 1)
+
+    @property
     def span_mm(self) -> tuple[float, float]:
         """Lowest and highest place of the camera."""
         places = [row[1] for row in self.rows]
