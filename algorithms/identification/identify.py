@@ -45,7 +45,7 @@ def identify_log(recording: Recording, walked: Walk) -> Identified:
     imu = imu_of(recording, rolled)
     way = walked.found.trajectory if walked.found else None
     out = _rates(recording)
-    agreed = consensus_mm(rolled, wheels)
+    agreed = consensus_mm(rolled, wheels, step_s)
     out |= _wheel_quantities(wheels, agreed, walked)
     out |= _inertial_quantities(imu, recording, way)
     out |= _frame_quantities(recording, walked)

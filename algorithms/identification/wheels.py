@@ -12,6 +12,7 @@ from algorithms.robust import spread
 
 DEAD_SHARE = 0.1  # a wheel that rolls less than this of what the others roll
 LEAST_TRAVEL_MM = 20.0
+CONSENSUS_S = 0.5
 JOLT_SPREADS = 6.0  # a stretch so far from the others holds a slip of that wheel alone
 
 
@@ -74,8 +75,19 @@ def _disagreement(scaled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> Qu
     return of_blocks(rms, "the scaled wheels against their mean, per 0.1 s")
 
 
-def consensus_mm(rolled_mm: Float[np.ndarray, "k wheels"], figures: WheelFigures) -> Float[np.ndarray, "k"]:
-    """The way of the robot by its middle live wheel, scaled."""
+def consensus_mm(
+    rolled_mm: Float[np.ndarray, "k wheels"], figures: WheelFigures, step_s: float
+) -> Float[np.ndarray, "k"]:
+    """The way of the robot: over half a second that of its middle live wheel, scaled, and in between as all went.
+
+    From sample to sample the middle one would not do: wheels that take turns add to it.
+    """
     scales = np.array([getattr(one, "value", 0.0) for one in figures.scale])
-    steps = np.diff(rolled_mm, axis=0, prepend=rolled_mm[:1]) * (1 + scales)
-    return np.cumsum(np.median(steps[:, ~figures.dead], axis=1))
+    live = (rolled_mm * (1 + scales))[:, ~figures.dead]
+    stride = max(round(CONSENSUS_S / step_s), 1)
+    edges = np.append(np.arange(0, len(live) - 1, stride), len(live) - 1)
+    went = np.diff(live[edges], axis=0)
+    off = np.median(went, axis=1) - went.mean(axis=1)
+    return live.mean(axis=1) - live[0].mean() + np.interp(
+        np.arange(len(live)), edges, np.concatenate([[0.0], np.cumsum(off)])
+    )

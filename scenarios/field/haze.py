@@ -34,14 +34,15 @@ def _of_slits(picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig:
     real = look_of(picture, view, rig).contrast_pct
     pipe = Pipe(inner_radius_mm=view.alignment.radius_mm, wall_thickness_mm=7.5)
     drawn = draw(pipe, view.alignment.T_pipe_camera, rig, optics)
-    by_haze = np.array([_contrast(drawn, view, rig, optics, share) for share in TRIED])
+    by_haze = np.array([_contrast(drawn, rig, optics, share) for share in TRIED])
     return [_crossed(column, float(one)) for column, one in zip(by_haze.T, real, strict=True)]
 
 
-def _contrast(drawn: np.ndarray, view: PipeView, rig: Rig, optics: Optics, share: float) -> Float[np.ndarray, "slits"]:
-    """Contrast of the twin's slits in so much haze, at the picture's own places."""
+def _contrast(drawn: np.ndarray, rig: Rig, optics: Optics, share: float) -> Float[np.ndarray, "slits"]:
+    """Contrast of the twin's slits in so much haze, at its own places: its slide is printed otherwise."""
     stored = expose(drawn, optics.noiseless().model_copy(update={"haze": share}), np.random.default_rng(0), rig.camera)
-    return look_of(stored, view, rig).contrast_pct
+    seen = view_pipe(stored, rig, DecodeSettings())
+    return look_of(stored, seen, rig).contrast_pct if seen.alignment.converged else np.full(len(rig.projector.slits), np.nan)
 
 
 def _crossed(contrast: Float[np.ndarray, "tried"], wanted: float) -> float:

@@ -32,7 +32,7 @@ from scenarios.document import BadInput
 from scenarios.field.haze import haze
 from scenarios.field.identify_page import identify_page
 from scenarios.field.partial_logs import read_device_log, view_quantities, views_of
-from scenarios.field.twin_of_log import JAG_OF_RMS, Given, drive_of, scenario_text
+from scenarios.field.twin_of_log import JAG_OF_RMS, Given, drive_of, scenario_text, whole_cells
 from scenarios.load import load_scenario
 from scenarios.progress import Progress
 from scenarios.run_folder import whole_file
@@ -174,9 +174,10 @@ def _picture_quantities(
 ) -> dict[str, Quantity]:
     """Noise of pictures, and haze with the edges as jagged as they were found."""
     out = identify_pictures(pictures, optics.gamma)
-    jag = found.quantities.get("edge_jitter_deg")
-    if isinstance(jag, Estimate):
-        optics = optics.model_copy(update={"slide_jag_deg": max(JAG_OF_RMS * jag.value, 0.0)})
+    jag, cells = (found.quantities.get(name) for name in ("edge_jitter_deg", "edge_jitter_cells"))
+    if isinstance(jag, Estimate) and isinstance(cells, Estimate):
+        printed = {"slide_jag_deg": max(JAG_OF_RMS * jag.value, 0.0), "slide_jag_cells": whole_cells(cells.value)}
+        optics = optics.model_copy(update=printed)
     middle = pictures[len(pictures) // 2 :] + pictures[: len(pictures) // 2]
     return out | {"haze": haze(middle[:HAZE_PICTURES], rig, optics)}
 

@@ -22,7 +22,7 @@ def identify_page(log: Path, found: Identified, imu: Imu | None) -> str:
     unknown = [(name, one.reason) for name, one in found.quantities.items() if not isinstance(one, Estimate)]
     rows = [("quantity", "estimate", "95 % from", "to", "n", "from what")]
     rows += [
-        (name, figure(one.value, 4), figure(one.low, 4), figure(one.high, 4), str(one.count), one.source)
+        (name, *(figure(bound, _figures(one)) for bound in (one.value, one.low, one.high)), str(one.count), one.source)
         for name, one in known.items()
     ]
     sections = [Section("What was wrong with the log", found.said)] if found.said else []
@@ -40,13 +40,21 @@ def identify_page(log: Path, found: Identified, imu: Imu | None) -> str:
     return calibration_page("Twin identified from a log", log.name, verdict, not found.said, sections, FOOTER)
 
 
+def _figures(one: Estimate) -> int:
+    """As many as tell the ends of the interval apart."""
+    from math import ceil, log10
+
+    width, size = one.high - one.low, max(abs(one.high), abs(one.low))
+    return min(max(ceil(log10(size / width)) + 2, 3), 8) if width > 0 and size > 0 else 4
+
+
 def _bands(found: Identified) -> list[tuple[str, ...]]:
     axes = "xyz"
     heads = ["band (Hz)", *(f"{axis} (m/s²)" for axis in axes), *(f"about {axis} (°/s)" for axis in axes)]
     rows = [tuple(heads)]
     for band in found.bands:
         cells = [
-            f"{figure(one.value)} ({figure(one.low, 2)} to {figure(one.high, 2)})" if isinstance(one, Estimate) else "n/a"
+            f"{figure(one.value, 2)} ({figure(one.low, 2)} to {figure(one.high, 2)})" if isinstance(one, Estimate) else "n/a"
             for one in (*band.force_m_s2, *(rate.scaled(float(np.degrees(1))) for rate in band.rate_rad_s))
         ]
         rows.append((f"{band.from_hz:g} to {band.to_hz:.3g}", *cells))

@@ -138,10 +138,15 @@ def _settings(given: Given, known: dict[str, Quantity]) -> list[Setting]:
 def _bounded(row: Setting) -> Any:
     """Within what the settings take; an estimate below zero is zero."""
     if row.key == "slide_jag_cells":
-        return int(np.clip(round(row.value), 16, 4096))
+        return whole_cells(row.value)
     if row.key == "haze":
         return float(np.clip(row.value, 0, 1))
     return max(row.value, 0.0)
+
+
+def whole_cells(value: float) -> int:
+    """Cells of a slide as the optics take them."""
+    return int(np.clip(round(value), 16, 4096))
 
 
 def _wheel_errors(known: dict[str, Quantity]) -> tuple[list[float], Quantity]:
