@@ -24,9 +24,7 @@ class Bore(NamedTuple):
     widest_rad: Quantity
 
 
-def bore(
-    wall: WallMap, radius_mm: Float[np.ndarray, "registered"], rough_mm: float, slits: int
-) -> Bore:
+def bore(wall: WallMap, radius_mm: Float[np.ndarray, "registered"], rough_mm: float, slits: int) -> Bore:
     """The radius by the frames' own cylinders; each stretch of the map fitted with a circle, its shift, and an oval.
 
     Args:
@@ -38,7 +36,9 @@ def bore(
     scanned = wall.scanned()
     columns = np.arange(wall.z_mm.size)[scanned]
     if columns.size < LEAST_COLUMNS:
-        return Bore(*(Unknown(f"{columns.size} columns of the wall map were seen well; {LEAST_COLUMNS} are needed"),) * 3)
+        return Bore(
+            *(Unknown(f"{columns.size} columns of the wall map were seen well; {LEAST_COLUMNS} are needed"),) * 3
+        )
     fits = np.array([_oval(wall, part) for part in np.array_split(columns, BLOCKS)])
     fits = fits[np.isfinite(fits).all(axis=1)]
     # a tenth of the print's scatter is left by the mean over all places

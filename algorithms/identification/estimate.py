@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -47,7 +48,7 @@ Quantity = Estimate | Unknown
 def blocks_of(n: int, blocks: int = BLOCKS) -> list[slice]:
     """A log of n values cut into so many stretches, as equal as can be."""
     edges = np.linspace(0, n, min(blocks, max(n, 1)) + 1).round().astype(int)
-    return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(a, b) for a, b in pairwise(edges.tolist())]
 
 
 def of_blocks(values: Float[np.ndarray, "blocks"], source: str, more_std: float = 0.0) -> Quantity:

@@ -12,23 +12,25 @@ from algorithms.identification import inertial, picture_noise, slits
 from algorithms.identification.bore import bore
 from algorithms.identification.estimate import Estimate, Quantity, Unknown, about, of_blocks, of_share
 from algorithms.identification.inertial import Band, Imu
-from algorithms.identification.way import Way, path_quantities, rows_by_wheels, rows_of
-from algorithms.identification.slits import SlitFigures
 from algorithms.identification.scan import Walk
+from algorithms.identification.slits import SlitFigures
+from algorithms.identification.way import Way, path_quantities, rows_by_wheels, rows_of
 from algorithms.identification.wheels import WheelFigures, consensus_mm, wheel_figures
 from algorithms.localisation.wheels import wheel_distances_mm
 from algorithms.types import Defect, Trajectory
 from sensor_model.recording import Recording
+from sensor_model.rig import ImuMount
 
 FORCE_BIAS_STD_M_S2 = 0.02  # what an accelerometer may be off by along the pipe, which a slope hides
 TOLD_PCT = 0.5  # a common scale less sure than this is not told
 LEAST_FRAMES = 10
+USUAL_WALK = 5e-5  # rad/s/sqrt(s), of a usual MEMS gyroscope
 DEG = float(np.degrees(1.0))
 
 
 @dataclass(frozen=True)
 class Identified:
-    """Quantities by name (units in the names), bands of shaking, the way, the defects, and what was wrong with the log."""
+    """Quantities by name (units in the names), bands of shaking, the way, the defects, and what is wrong."""
 
     quantities: dict[str, Quantity]
     bands: list[Band] = field(default_factory=list)
@@ -49,7 +51,7 @@ def identify_log(recording: Recording, walked: Walk) -> Identified:
     out |= _wheel_quantities(wheels, agreed, walked)
     out |= _inertial_quantities(imu, recording, way)
     out |= _frame_quantities(recording, walked)
-    bands = shaking(imu, recording.rig.imu.R_camera_imu, out)
+    bands = shaking(imu, recording.rig.imu, out)
     return Identified(
         out,
         bands,
@@ -62,18 +64,19 @@ def identify_log(recording: Recording, walked: Walk) -> Identified:
 def imu_of(recording: Recording, rolled_mm: Float[np.ndarray, "k wheels"]) -> Imu:
     """The IMU's samples, and where the wheels say that it is at rest."""
     time_s = (recording.imu_stamps_ns - recording.imu_stamps_ns[0]) / 1e9
-    rest = inertial.rest_by_wheels(recording.imu_stamps_ns, recording.encoder_stamps_ns, rolled_mm)
-    return Imu(time_s, recording.imu[:, :3], recording.imu[:, 3:], rest)
+    stamps = recording.imu_stamps_ns, recording.encoder_stamps_ns
+    rest, moving = inertial.rest_by_wheels(*stamps, rolled_mm), inertial.motion_by_wheels(*stamps, rolled_mm)
+    return Imu(time_s, recording.imu[:, :3], recording.imu[:, 3:], rest, moving)
 
 
-def shaking(imu: Imu, R_camera_imu: Float[np.ndarray, "3 3"], known: dict[str, Quantity]) -> list[Band]:
+def shaking(imu: Imu, mount: ImuMount, known: dict[str, Quantity]) -> list[Band]:
     """Bands of shaking beyond the white noise; that which was not told apart from shaking counts as shaking."""
+    none = Estimate(0.0, 0.0, 0.0, 0, "not told apart")
     noise = []
     for name in ("gyroscope_noise_density", "accelerometer_noise_density"):
         density = known[name]
-        told = isinstance(density, Estimate) and density.low > 0
-        noise.append(density.value if told and isinstance(density, Estimate) else 0.0)
-    return inertial.vibration(imu, R_camera_imu, *noise)
+        noise.append(density if isinstance(density, Estimate) and density.low > 0 else none)
+    return inertial.vibration(imu, mount, *noise)
 
 
 def identify_imu(imu: Imu) -> dict[str, Quantity]:
@@ -112,10 +115,14 @@ def _rates(recording: Recording) -> dict[str, Quantity]:
         usual = float(np.median(steps))
         whole = steps / np.maximum(np.round(steps / usual), 1)
         near = whole[np.abs(whole / usual - 1) < 0.2]
-        out[name] = about(1 / float(near.mean()), float(near.std() / near.mean() ** 2 / np.sqrt(near.size)), near.size, "stamps")
+        out[name] = about(
+            1 / float(near.mean()), float(near.std() / near.mean() ** 2 / np.sqrt(near.size)), near.size, "stamps"
+        )
     steps = np.diff(recording.frame_stamps_ns)
     lost = np.maximum(np.round(steps / np.median(steps)) - 1, 0) if steps.size else np.zeros(0)
-    out["dropped_share"] = of_share(np.array([lost.sum()]), np.array([lost.sum() + len(recording)]), "gaps between stamps")
+    out["dropped_share"] = of_share(
+        np.array([lost.sum()]), np.array([lost.sum() + len(recording)]), "gaps between stamps"
+    )
     return out
 
 
@@ -161,7 +168,7 @@ def _inertial_quantities(imu: Imu, recording: Recording, way: Trajectory | None)
         turned = (R_pipe_imu[:-1].inv() * R_pipe_imu[1:]).as_rotvec()
         # roll is the gyroscope's own, but for gravity: its error is the largest
         pose_std = float(np.sqrt(np.median(np.diagonal(way.covariance[seen], axis1=1, axis2=2)[:, 3:].max(axis=1))))
-    biases = inertial.gyro_bias(imu, frame_s, turned, pose_std, density)
+    biases = inertial.gyro_bias(imu, frame_s, turned, pose_std, density, USUAL_WALK)
     for axis, bias in zip("xyz", biases, strict=True):
         out[f"gyroscope_bias_{axis}_deg_s"] = bias.scaled(DEG)
     size = inertial.size_of(biases, "the three axes' own biases, as draws")
@@ -170,7 +177,9 @@ def _inertial_quantities(imu: Imu, recording: Recording, way: Trajectory | None)
     out["inclination_deg"] = Unknown("no frame was registered, so the pipe's axis is not known")
     if way is not None and way.registered.any():
         axis = np.median(way.T_pipe_camera[way.registered][:, 2, :3], axis=0)
-        sloped = inertial.inclination(imu.force_m_s2 @ R_camera_imu.T @ (axis / np.linalg.norm(axis)), FORCE_BIAS_STD_M_S2)
+        sloped = inertial.inclination(
+            imu.force_m_s2 @ R_camera_imu.T @ (axis / np.linalg.norm(axis)), FORCE_BIAS_STD_M_S2
+        )
         out["inclination_deg"] = sloped.scaled(DEG)
     return out
 
@@ -182,7 +191,9 @@ def _attitude(recording: Recording, imu: Imu) -> Quantity:
     q = Rotation.from_quat(recording.q_world_imu_wxyz[:, [1, 2, 3, 0]])
     middle = 0.5 * (imu.gyro_rad_s[1:] + imu.gyro_rad_s[:-1])
     told = middle * np.diff(imu.time_s)[:, None]
-    found = inertial.attitude_noise((q[:-1].inv() * q[1:]).as_rotvec(), told, "steps of the attitude less the gyroscope's")
+    found = inertial.attitude_noise(
+        (q[:-1].inv() * q[1:]).as_rotvec(), told, "steps of the attitude less the gyroscope's"
+    )
     return found.scaled(DEG)
 
 
@@ -245,7 +256,9 @@ def _said(recording: Recording, imu: Imu, walked: Walk, wheels: WheelFigures) ->
     if not imu.at_rest.any():
         out.append("The log has no rest of a second: the IMU's noise is taken from the motion.")
     if not walked.slits:
-        out.append(f"No frame was registered ({walked.failure}): nothing is known of the pipe and of the way across it.")
+        out.append(
+            f"No frame was registered ({walked.failure}): nothing is known of the pipe and of the way across it."
+        )
     for k in np.flatnonzero(wheels.dead):
         out.append(f"Wheel {k + 1} stands while the others roll: it is left out, and slips in the replay as it did.")
     nominal, found = recording.pipe.inner_radius_mm, walked.found

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.signal import periodogram, welch
+from scipy.stats import chi2
 
 from algorithms.identification.estimate import (
     LEAST_BLOCKS,
@@ -21,10 +23,15 @@ from algorithms.identification.estimate import (
     widened,
 )
 from sensor_model.geometry import GRAVITY_M_S2
+from sensor_model.rig import ImuMount
 
 LEAST_REST_S, LEAST_REST_SAMPLES = 1.0, 40
 REST_STEP_MM = 0.011  # of a wheel between two stamps at rest: a count of a fine encoder to and fro
 LEAST_SAMPLES = 60
+SPEED_OVER_S, MOVING_SHARE = 0.3, 0.5
+LEAK = 0.3  # of a bin
+HANN_BINS = 1.5  # neighbouring bins of a tapered window that tell as much as one
+SWING_STD = 0.15  # of what turning is taken to do to the forces: the band is taken for evenly filled
 LONG_REST_S = 300.0
 WALK_BLOCK_S = 30.0
 BAND_EDGES_HZ = (2.5, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
@@ -37,12 +44,13 @@ MEDIAN_WORTH = 0.37  # of a variance, for one by the median absolute deviation
 
 @dataclass(frozen=True)
 class Imu:
-    """The samples of a log: seconds since its start, rate of turn (rad/s), specific force (m/s2), and which are at rest."""
+    """The samples of a log: seconds since its start, rate of turn (rad/s), specific force (m/s2); rest and motion."""
 
     time_s: Float[np.ndarray, "n"]
     gyro_rad_s: Float[np.ndarray, "n 3"]
     force_m_s2: Float[np.ndarray, "n 3"]
     at_rest: Bool[np.ndarray, "n"]
+    moving: Bool[np.ndarray, "n"]
 
     @property
     def step_s(self) -> float:
@@ -51,7 +59,9 @@ class Imu:
 
 
 def rest_by_wheels(
-    imu_stamps_ns: Int[np.ndarray, "n"], encoder_stamps_ns: Int[np.ndarray, "k"], rolled_mm: Float[np.ndarray, "k wheels"]
+    imu_stamps_ns: Int[np.ndarray, "n"],
+    encoder_stamps_ns: Int[np.ndarray, "k"],
+    rolled_mm: Float[np.ndarray, "k wheels"],
 ) -> Bool[np.ndarray, "n"]:
     """Which samples fall into stretches of `LEAST_REST_S` or longer in which no wheel moves."""
     still = np.abs(np.diff(rolled_mm, axis=0)).max(axis=1) < REST_STEP_MM
@@ -63,6 +73,18 @@ def rest_by_wheels(
         if (end - begin) / 1e9 >= LEAST_REST_S and drift < 0.02 * (end - begin) / 1e9 + 0.05:
             rest |= (imu_stamps_ns > begin + 2e8) & (imu_stamps_ns < end)  # the robot swings out first
     return rest
+
+
+def motion_by_wheels(
+    imu_stamps_ns: Int[np.ndarray, "n"],
+    encoder_stamps_ns: Int[np.ndarray, "k"],
+    rolled_mm: Float[np.ndarray, "k wheels"],
+) -> Bool[np.ndarray, "n"]:
+    """Which samples fall where the wheels go at a good part of their fastest; all, where they never move."""
+    time_s, way = (encoder_stamps_ns - encoder_stamps_ns[0]) / 1e9, np.median(rolled_mm, axis=1)
+    at = (imu_stamps_ns - encoder_stamps_ns[0]) / 1e9
+    speed = np.abs(np.interp(at + SPEED_OVER_S / 2, time_s, way) - np.interp(at - SPEED_OVER_S / 2, time_s, way))
+    return speed >= MOVING_SHARE * speed.max()
 
 
 def noise_density(imu: Imu, of: str) -> Quantity:
@@ -112,8 +134,7 @@ def _white_at_the_top(imu: Imu, values: Float[np.ndarray, "n 3"]) -> bool:
 
 def spectrum(imu: Imu, values: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "f"], Float[np.ndarray, "f 3"]]:
     """Frequencies and the usual one-sided power density of each axis in motion: medians over windows, free of jolts."""
-    moving = ~imu.at_rest if np.count_nonzero(~imu.at_rest) >= LEAST_SAMPLES else np.ones_like(imu.at_rest)
-    samples = values[moving]
+    samples = values[imu.moving if np.count_nonzero(imu.moving) >= LEAST_SAMPLES else slice(None)]
     window = min(round(WINDOW_S / imu.step_s), samples.shape[0])
     frequency, power = welch(samples, 1 / imu.step_s, nperseg=window, average="median", axis=0, detrend="linear")
     return frequency[1:], power[1:]
@@ -142,6 +163,7 @@ def gyro_bias(
     turned_rad: Float[np.ndarray, "steps 3"],
     pose_std_rad: float,
     density: float,
+    walk: float,
 ) -> list[Quantity]:
     """Bias of each axis (rad/s): the mean at rest, or the mean rate less what the poses turned.
 
@@ -151,16 +173,18 @@ def gyro_bias(
         turned_rad: how far each pose has turned since the one before, in the IMU's axes.
         pose_std_rad: standard deviation of a pose's turn.
         density: of the white noise.
+        walk: how the bias may wander (rad/s/sqrt(s)), which a short log does not tell.
     """
     rest = np.count_nonzero(imu.at_rest)
+    wander = walk * np.sqrt((imu.time_s[-1] - imu.time_s[0]) / 3)
     if rest >= LEAST_REST_SAMPLES:
-        std = density / np.sqrt(rest * imu.step_s)
+        std = float(np.hypot(density / np.sqrt(rest * imu.step_s), wander))
         return [about(float(mean), std, int(rest), "mean at rest") for mean in imu.gyro_rad_s[imu.at_rest].mean(axis=0)]
     if frame_s.size < 10:
         return [Unknown("the log has neither rest nor poses to hold the rate against")] * 3
     span_s = float(frame_s[-1] - frame_s[0])
     mean = _mean_rate(imu, float(frame_s[0]), float(frame_s[-1])) - turned_rad.sum(axis=0) / span_s
-    std = np.hypot(density / np.sqrt(span_s), np.sqrt(2.0) * pose_std_rad / span_s)
+    std = np.sqrt(density**2 / span_s + 2 * (pose_std_rad / span_s) ** 2 + wander**2)
     words = f"mean rate less the turn of the poses over {span_s:.1f} s"
     return [about(float(value), float(std), frame_s.size, words) for value in mean]
 
@@ -179,7 +203,9 @@ def size_of(biases: list[Quantity], source: str) -> Quantity:
     if not known:
         return biases[0]
     measured = np.array([((b.high - b.low) / (2 * NORMAL_95)) ** 2 for b in known])
-    found = of_variances(np.array([max(float(np.mean([b.value**2 for b in known])) - measured.mean(), 0.0)]), len(known), source)
+    found = of_variances(
+        np.array([max(float(np.mean([b.value**2 for b in known])) - measured.mean(), 0.0)]), len(known), source
+    )
     blur = float(np.sqrt(measured.mean()))
     return Estimate(found.value, max(found.low - 2 * blur, 0.0), found.high + 2 * blur, len(known), source)
 
@@ -199,52 +225,109 @@ class Band:
 
     from_hz: float
     to_hz: float
-    force_m_s2: tuple[Quantity, ...]
-    rate_rad_s: tuple[Quantity, ...]
+    force_m_s2: tuple[Estimate, ...]
+    rate_rad_s: tuple[Estimate, ...]
 
 
-def vibration(imu: Imu, R_camera_imu: Float[np.ndarray, "3 3"], gyro_noise: float, force_noise: float) -> list[Band]:
-    """Shaking in motion by octaves, what the white noise gives taken off; nothing for a log that is too short."""
-    moving = ~imu.at_rest
-    gyro, force = (values[moving] @ R_camera_imu.T for values in (imu.gyro_rad_s, imu.force_m_s2))
+def vibration(imu: Imu, mount: ImuMount, gyro_noise: Estimate, force_noise: Estimate) -> list[Band]:
+    """Shaking of the camera in motion by octaves; nothing for a log that is too short.
+
+    What the white noise gives is taken off, and from the forces what turning the IMU about the camera does to them.
+    """
     nyquist = 0.5 / imu.step_s
     edges = [edge for edge in BAND_EDGES_HZ if edge < 0.95 * nyquist]
-    if gyro.shape[0] * imu.step_s < LEAST_BLOCKS * WINDOW_S or len(edges) < 1:
+    windows = _windows(imu)
+    if len(windows) < LEAST_BLOCKS or not edges:
         return []
     edges.append(nyquist)
-    powers = [_block_powers(values, imu.step_s, edges) for values in (force, gyro)]
+    gyro, force = (values @ mount.R_camera_imu.T for values in (imu.gyro_rad_s, imu.force_m_s2))
+    lever_m = np.array(mount.position_camera_mm) / 1e3
+    powers = [_powers(values, windows, imu.step_s, edges) for values in (force, gyro)]
     bands = []
-    for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-        # a density of n per root hertz is n^2 on both sides of the spectrum, 2 n^2 on one
-        white = [2 * noise**2 * (high - low) for noise in (force_noise, gyro_noise)]
-        found = [
-            tuple(_root(power[:, k, axis], take, f"{low:g} to {high:g} Hz in motion, white noise taken off") for axis in range(3))
-            for power, take in zip(powers, white, strict=True)
+    for k, (low, high) in enumerate(pairwise(edges)):
+        swing = _swing(low, high, lever_m, force[imu.moving].mean(axis=0))
+        words = f"{low:g} to {high:.3g} Hz in motion, white noise taken off"
+        bins = (high - low) * WINDOW_S / HANN_BINS
+        white = [_white(noise, high - low) for noise in (force_noise, gyro_noise)]
+        turning = np.maximum(powers[1][:, k].mean(axis=0) - white[1][0], 0)
+        swung = swing @ turning
+        leaks = [_leaked(power.mean(axis=0), k, edges) for power in powers]
+        taken = [
+            (white[0][0] + one, float(np.linalg.norm([white[0][1], SWING_STD * one, leak])))
+            for one, leak in zip(swung, leaks[0], strict=True)
         ]
-        bands.append(Band(low, high, found[0], found[1]))
+        forces = tuple(_rms(powers[0][:, k, axis], bins, *taken[axis], words) for axis in range(3))
+        about_axes = [(white[1][0], float(np.hypot(white[1][1], leak))) for leak in leaks[1]]
+        rates = tuple(_rms(powers[1][:, k, axis], bins, *about_axes[axis], words) for axis in range(3))
+        bands.append(Band(low, high, forces, rates))
     return bands
 
 
-def _block_powers(values: Float[np.ndarray, "n 3"], step_s: float, edges: list[float]) -> Float[np.ndarray, "blocks bands 3"]:
-    """Mean square of each band in each window of the log."""
-    window = round(WINDOW_S / step_s)
-    taper = np.hanning(window)
+def _windows(imu: Imu) -> list[slice]:
+    """Stretches of a second, wholly in motion."""
+    length, out, begin = round(WINDOW_S / imu.step_s), [], 0
+    while begin + length <= imu.time_s.size:
+        if imu.moving[begin : begin + length].all():
+            out.append(slice(begin, begin + length))
+            begin += length
+        else:
+            begin += 1
+    return out
+
+
+def _leaked(power: Float[np.ndarray, "bands 3"], k: int, edges: list[float]) -> Float[np.ndarray, "3"]:
+    """Power that the taper may have carried over a band's edges: a part of each neighbour's nearest bin."""
+    near = [j for j in (k - 1, k + 1) if 0 <= j < len(power)]
+    return np.sum([LEAK * power[j] / ((edges[j + 1] - edges[j]) * WINDOW_S) for j in near], axis=0)
+
+
+def _white(noise: Estimate, width_hz: float) -> tuple[float, float]:
+    """Power that white noise has in a band, and its standard deviation."""
+    # a density of n per root hertz is n^2 on both sides of the spectrum, 2 n^2 on one
+    power = 2 * noise.value**2 * width_hz
+    return power, 4 * noise.value * width_hz * (noise.high - noise.low) / (2 * NORMAL_95)
+
+
+def _swing(low_hz: float, high_hz: float, lever_m: np.ndarray, force_m_s2: np.ndarray) -> Float[np.ndarray, "3 3"]:
+    """Power that a rate's power about each axis (columns) makes of force along each (rows), by lever and by gravity."""
+    omega = 2 * np.pi * np.linspace(low_hz, high_hz, 21)
+    out = np.zeros((3, 3))
+    for j, axis in enumerate(np.eye(3)):
+        # a turn by a accelerates the IMU by -w^2 a (axis x lever), and turns the force the other way
+        gain = -np.outer(omega, np.cross(axis, lever_m)) - np.outer(1 / omega, np.cross(axis, force_m_s2))
+        out[:, j] = np.mean(gain**2, axis=0)
+    return out
+
+
+def _powers(
+    values: Float[np.ndarray, "n 3"], windows: list[slice], step_s: float, edges: list[float]
+) -> Float[np.ndarray, "windows bands 3"]:
+    """Mean square of each band in each window."""
     out = []
-    for begin in range(0, values.shape[0] - window + 1, window):
-        part = values[begin : begin + window]
-        line = np.linspace(-1, 1, window)
+    for window in windows:
+        part = values[window]
+        line, taper = np.linspace(-1, 1, len(part)), np.hanning(len(part))
         part = part - part.mean(axis=0) - np.outer(line, line @ part / (line @ line))
-        power = np.abs(np.fft.rfft(part * taper[:, None], axis=0)) ** 2 * 2 / (window * np.sum(taper**2))
-        hz = np.fft.rfftfreq(window, step_s)
-        out.append([power[(hz >= a) & (hz < b)].sum(axis=0) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+        power = np.abs(np.fft.rfft(part * taper[:, None], axis=0)) ** 2 * 2 / (len(part) * np.sum(taper**2))
+        hz = np.fft.rfftfreq(len(part), step_s)
+        out.append([power[(hz >= a) & (hz < b)].sum(axis=0) for a, b in pairwise(edges)])
     return np.array(out)
 
 
-def _root(power: Float[np.ndarray, "blocks"], white: float, source: str) -> Quantity:
-    """RMS beyond the white noise; blocks with a jolt are left out."""
-    middle = float(np.median(power))
-    calm = power[power < 5 * middle] if middle > 0 else power
-    return root_of(of_blocks(calm - white, source))
+def _rms(power: Float[np.ndarray, "windows"], bins: float, taken: float, taken_std: float, source: str) -> Estimate:
+    """RMS from powers of windows of so many independent bins each, less what is known to be none of it.
+
+    Noise has two degrees of freedom a bin; where the windows differ by more than that, as many as their scatter has.
+    """
+    mean, n = float(power.mean()), power.size
+    freedom = 2 * bins * n
+    scatter = float(power.var(ddof=1)) / mean**2 if mean > 0 else 0.0
+    freedom = min(freedom, 2 * n / scatter) if scatter > 0 else freedom
+    low, high = (freedom * mean / float(chi2.ppf(q, freedom)) for q in (0.975, 0.025))
+    more, value = NORMAL_95 * taken_std, mean - taken
+    bounds = value, value - float(np.hypot(mean - low, more)), value + float(np.hypot(high - mean, more))
+    at, least, most = (float(np.sqrt(max(bound, 0.0))) for bound in bounds)
+    return Estimate(at, least, most, n, source)
 
 
 def attitude_noise(
@@ -256,9 +339,7 @@ def attitude_noise(
     return of_blocks(parts, source)
 
 
-def inclination(
-    force_along_m_s2: Float[np.ndarray, "frames"], bias_std_m_s2: float
-) -> Quantity:
+def inclination(force_along_m_s2: Float[np.ndarray, "frames"], bias_std_m_s2: float) -> Quantity:
     """How far the pipe goes down (rad): the specific force along it, whose accelerations add up to nothing."""
     blocks = np.array([part.mean() for part in np.array_split(force_along_m_s2, 8)])
     return widened(

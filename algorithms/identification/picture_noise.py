@@ -24,7 +24,7 @@ def light_of(picture: UInt8[np.ndarray, "height width 3"], gamma: float) -> Floa
 
 
 def noise_of(picture: UInt8[np.ndarray, "height width 3"], gamma: float, lost_bits: int = 0) -> Float[np.ndarray, "2"]:
-    """Variances of the photon noise at full scale and of the read noise; not a number where the light varies too little.
+    """Variances of photon noise at full scale and of read noise; not a number where the light varies too little.
 
     The variance of what no plane explains, bin by bin of brightness, is a line: photons' part in proportion, chip's
     part always. The steps of the file are taken off.
@@ -34,7 +34,9 @@ def noise_of(picture: UInt8[np.ndarray, "height width 3"], gamma: float, lost_bi
     light = light_of(picture, gamma)
     mean = cv2.blur(light, (SMOOTH_PX, SMOOTH_PX))
     off = cv2.filter2D(light, -1, KERNEL)[1:-1, 1:-1]
-    across, down = (cv2.filter2D(mean, -1, kernel) for kernel in (np.array([[-1.0, 0, 1]]), np.array([[-1.0], [0], [1]])))
+    across, down = (
+        cv2.filter2D(mean, -1, kernel) for kernel in (np.array([[-1.0, 0, 1]]), np.array([[-1.0], [0], [1]]))
+    )
     steep = np.hypot(across, down)[1:-1, 1:-1].ravel()
     level, off = mean[1:-1, 1:-1].ravel(), off.ravel()
     edges = np.geomspace(LEAST_LIGHT, MOST_LIGHT, BINS + 1)

@@ -66,4 +66,3 @@ def walk(recording: Recording, seen: Iterable[SlitPixels], method: Method = IDEN
 
 
 _NOTHING = np.zeros((0, 0))
-

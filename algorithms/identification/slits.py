@@ -102,7 +102,9 @@ def places_around(around_rad: Float[np.ndarray, "n"], ring: Int[np.ndarray, "n"]
     return max(round(2 * np.pi / usual), 36) if usual > 1e-4 else 720
 
 
-def _spread_out(values: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places: int) -> Float[np.ndarray, "places"]:
+def _spread_out(
+    values: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places: int
+) -> Float[np.ndarray, "places"]:
     out = np.full(places, np.nan)
     out[place] = values
     return out
@@ -148,7 +150,9 @@ def pixel_noise_px(figures: list[SlitFigures]) -> Quantity:
 
 def drop_out_share(figures: list[SlitFigures]) -> Quantity:
     """Share of the places on lit wall at which a slit was not found: gaps too short for a shadow."""
-    missing, present = (np.array([getattr(one, name) for one in figures], dtype=float) for name in ("missing", "present"))
+    missing, present = (
+        np.array([getattr(one, name) for one in figures], dtype=float) for name in ("missing", "present")
+    )
     return of_share(missing, missing + present, f"gaps of up to {LONGEST_GAP} places within the slits")
 
 

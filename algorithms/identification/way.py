@@ -104,7 +104,9 @@ def path_quantities(path: Trajectory, rough_mm: float) -> dict[str, Quantity]:
     seen = path.registered
     if np.count_nonzero(seen) < 10:
         nothing = Unknown(f"{np.count_nonzero(seen)} frames were registered; 10 are needed")
-        return dict.fromkeys(("travel_mm", "offset_x_mm", "offset_y_mm", "tilt_x_deg", "tilt_y_deg", "turned_deg"), nothing)
+        return dict.fromkeys(
+            ("travel_mm", "offset_x_mm", "offset_y_mm", "tilt_x_deg", "tilt_y_deg", "turned_deg"), nothing
+        )
     angles = np.degrees(angles_rad(path))
     stds = np.sqrt(np.maximum(np.diagonal(path.covariance, axis1=1, axis2=2), 0))
     said = {
@@ -116,11 +118,15 @@ def path_quantities(path: Trajectory, rough_mm: float) -> dict[str, Quantity]:
     out: dict[str, Quantity] = {}
     z = path.T_pipe_camera[:, 2, 3]
     frames = int(np.count_nonzero(seen))
-    out["travel_mm"] = about(float(z[-1] - z[0]), float(stds[-1, 2]), frames, "wheels, IMU and what the rings see twice")
+    out["travel_mm"] = about(
+        float(z[-1] - z[0]), float(stds[-1, 2]), frames, "wheels, IMU and what the rings see twice"
+    )
     for name, values in said.items():
         shared = SHARED * rough_mm * (float(np.degrees(1 / AHEAD_MM)) if name.startswith("tilt") else 1.0)
         parts = np.array([values[seen][part].mean() for part in blocks_of(frames)])
         out[name] = of_blocks(parts, "cylinder fits, mean of the drive by stretches of time", shared)
     turned = float(angles[-1, 0] - angles[0, 0])
-    out["turned_deg"] = about(turned, float(np.degrees(np.hypot(stds[0, 5], stds[-1, 5]))), frames, "gyroscope and gravity")
+    out["turned_deg"] = about(
+        turned, float(np.degrees(np.hypot(stds[0, 5], stds[-1, 5]))), frames, "gyroscope and gravity"
+    )
     return out

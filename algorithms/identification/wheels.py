@@ -1,8 +1,9 @@
-"""What the encoders tell of each other: how far each wheel goes for what it counts, which one is dead, how they slip."""
+"""What the encoders tell of each other: how far each wheel goes for what it counts, which is dead, how they slip."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -41,10 +42,10 @@ def wheel_figures(rolled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> Wh
     along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(live.mean(axis=1))))])
     edges = np.searchsorted(along, np.linspace(0, along[-1], 2 * BLOCKS + 1)[1:-1])
     edges = np.concatenate([[0], edges, [len(live) - 1]])
-    parts = np.array([np.abs(np.diff(live[a : b + 1], axis=0)).sum(axis=0) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    parts = np.array([np.abs(np.diff(live[a : b + 1], axis=0)).sum(axis=0) for a, b in pairwise(edges.tolist())])
     ratio = parts.mean(axis=1, keepdims=True) / parts - 1
     # a stretch begins and ends somewhere within a count
-    fine = _count_mm(live) / parts.mean()
+    fine = _count_mm(live) / float(np.mean(parts))
     calm = np.abs(ratio - np.median(ratio, axis=0)) <= JOLT_SPREADS * np.maximum([spread(r) for r in ratio.T], fine)
     calm = calm.all(axis=1)  # a wheel that slips shifts the mean for all
     found, scales = iter(ratio[calm].T), np.zeros(count)
@@ -88,6 +89,8 @@ def consensus_mm(
     edges = np.append(np.arange(0, len(live) - 1, stride), len(live) - 1)
     went = np.diff(live[edges], axis=0)
     off = np.median(went, axis=1) - went.mean(axis=1)
-    return live.mean(axis=1) - live[0].mean() + np.interp(
-        np.arange(len(live)), edges, np.concatenate([[0.0], np.cumsum(off)])
+    return (
+        live.mean(axis=1)
+        - live[0].mean()
+        + np.interp(np.arange(len(live)), edges, np.concatenate([[0.0], np.cumsum(off)]))
     )

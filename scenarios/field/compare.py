@@ -112,7 +112,9 @@ def _line(name: str, log: Float[np.ndarray, "a"], replay: Float[np.ndarray, "b"]
         return None
     mean = float(log.mean())
     spread = t_factor(log.size - 1) * float(log.std(ddof=1)) * float(np.sqrt(1 + 1 / log.size))
-    return Line(name, mean, float(replay.mean()), max(spread, LEAST_SHARES.get(name, LEAST_SHARE) * abs(mean)), int(log.size))
+    return Line(
+        name, mean, float(replay.mean()), max(spread, LEAST_SHARES.get(name, LEAST_SHARE) * abs(mean)), int(log.size)
+    )
 
 
 def _way_line(name: str, log: WayFigure, replay: WayFigure) -> Line | None:

@@ -1,4 +1,4 @@
-"""How far a twin's figures can be believed, in the spirit of NASA-STD-7009: verified, validated, assumed, and inputs."""
+"""How far a twin's figures can be believed, in the spirit of NASA-STD-7009: verified, validated, assumed, inputs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ from sensor_model.settings import Settings
 SOURCES = Path(__file__).parent / "sources.yaml"
 
 VERIFIED = (  # the model computes what it says it does
-    ("one wall for light, wheels and scoring", "mesh, ray-caster and contacts agree on r(theta, z)", "tests/twin/test_mesh.py"),
+    (
+        "one wall for light, wheels and scoring",
+        "mesh, ray-caster and contacts agree on r(theta, z)",
+        "tests/twin/test_mesh.py",
+    ),
     ("pictures", "two renderers that share no code agree", "tests/sensor_model/test_drawing.py"),
     ("contact", "Coulomb's limits, energy, a ring of 48 boxes", "tests/twin/test_physics.py, test_box_ring.py"),
     ("IMU", "Allan deviation of an 8 hour rest log within 10 %", "tests/sensor_model/test_imu_device.py"),

@@ -1,4 +1,4 @@
-"""Where a scenario leaves what the testbench was held against: real pictures, the paper, and the tests of its physics."""
+"""Where a scenario leaves what the testbench was held against: real pictures, the paper, tests of its physics."""
 
 from __future__ import annotations
 

@@ -42,7 +42,11 @@ def _contrast(drawn: np.ndarray, rig: Rig, optics: Optics, share: float) -> Floa
     """Contrast of the twin's slits in so much haze, at its own places: its slide is printed otherwise."""
     stored = expose(drawn, optics.noiseless().model_copy(update={"haze": share}), np.random.default_rng(0), rig.camera)
     seen = view_pipe(stored, rig, DecodeSettings())
-    return look_of(stored, seen, rig).contrast_pct if seen.alignment.converged else np.full(len(rig.projector.slits), np.nan)
+    return (
+        look_of(stored, seen, rig).contrast_pct
+        if seen.alignment.converged
+        else np.full(len(rig.projector.slits), np.nan)
+    )
 
 
 def _crossed(contrast: Float[np.ndarray, "tried"], wanted: float) -> float:

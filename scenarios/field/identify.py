@@ -26,8 +26,8 @@ from algorithms.identification.scan import IDENTIFYING, walk
 from algorithms.localisation.wheels import wheel_distances_mm
 from algorithms.reconstruct import see
 from scenarios.calibration.camera import page_of
-from scenarios.calibration.pictures import ENDINGS, listed
 from scenarios.calibration.in_pipe import read_for
+from scenarios.calibration.pictures import ENDINGS, listed
 from scenarios.document import BadInput
 from scenarios.field.haze import haze
 from scenarios.field.identify_page import identify_page
@@ -135,7 +135,9 @@ def _of_recording(folder: Path, rig: Rig | None, optics: Optics, name: str, prog
     if not points:
         chosen = np.unique(np.linspace(0, len(recording) - 1, NOISE_PICTURES).round().astype(int)).tolist()
         pictures = [picture for i in chosen if (picture := recording[i].picture) is not None]
-        found = replace(found, quantities=found.quantities | _picture_quantities(pictures, found, recording.rig, optics))
+        found = replace(
+            found, quantities=found.quantities | _picture_quantities(pictures, found, recording.rig, optics)
+        )
     rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
     given = Given(name, recording.rig, recording.pipe, "points" if points else "picture", optics)
     way = found.way
@@ -191,7 +193,9 @@ def _of_pictures(log: Path, rig: Rig | None, optics: Optics, name: str) -> Ident
     found = replace(found, quantities=found.quantities | _picture_quantities(pictures, found, rig, optics))
     given = Given(name, rig, PARTIAL_PIPE, "picture", optics)
     known = found.quantities
-    offset = [one.value if isinstance(one := known.get(key), Estimate) else 0.0 for key in ("offset_x_mm", "offset_y_mm")]
+    offset = [
+        one.value if isinstance(one := known.get(key), Estimate) else 0.0 for key in ("offset_x_mm", "offset_y_mm")
+    ]
     drive = {"kind": "gantry", "stages": [{"to_mm": 100.0}], "offset_mm": [round(v, 3) for v in offset]}
     return Identification(found, None, given, drive)
 
@@ -206,7 +210,7 @@ def _of_imu(log: Path, rig: Rig | None, name: str) -> Identification:
     rig = rig or preset_rig()
     known["imu_rate_hz"] = Estimate(1 / imu.step_s, 1 / imu.step_s, 1 / imu.step_s, imu.time_s.size, "stamps")
     said = ("The IMU alone: nothing is known of pictures, wheels and way.", *([words] if words else []))
-    bands = shaking(imu, rig.imu.R_camera_imu, known)
+    bands = shaking(imu, rig.imu, known)
     given = Given(name, rig, PARTIAL_PIPE, "points", Optics())
     drive = {"kind": "gantry", "stages": [{"to_mm": 100.0}]}
     return Identification(Identified(known, bands, said=said), imu, given, drive)

@@ -19,11 +19,15 @@ def register(app: typer.Typer) -> None:
 
 def identify(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A recording or run, pictures, or the IMU's own CSV.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="SCENARIO.YAML", help="The scenario; a page goes beside it.")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="SCENARIO.YAML", help="The scenario; a page goes beside it.")
+    ],
     rig: Annotated[
         str | None, typer.Option("--rig", metavar="RIG", help="The sensor's rig.  [default: the recording's own]")
     ] = None,
-    look: Annotated[str, typer.Option("--look", metavar="LOOK", help="Optics whose other settings are kept.")] = "plain",
+    look: Annotated[
+        str, typer.Option("--look", metavar="LOOK", help="Optics whose other settings are kept.")
+    ] = "plain",
     as_json: AsJson = False,
 ) -> None:
     """Identify a twin from a log: what it tells of wheels, IMU, pictures, pipe and way, as a scenario to run."""

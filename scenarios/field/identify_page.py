@@ -20,7 +20,7 @@ def identify_page(log: Path, found: Identified, imu: Imu | None) -> str:
     """The whole page."""
     known = {name: one for name, one in found.quantities.items() if isinstance(one, Estimate)}
     unknown = [(name, one.reason) for name, one in found.quantities.items() if not isinstance(one, Estimate)]
-    rows = [("quantity", "estimate", "95 % from", "to", "n", "from what")]
+    rows: list[tuple[str, ...]] = [("quantity", "estimate", "95 % from", "to", "n", "from what")]
     rows += [
         (name, *(figure(bound, _figures(one)) for bound in (one.value, one.low, one.high)), str(one.count), one.source)
         for name, one in known.items()
@@ -54,7 +54,9 @@ def _bands(found: Identified) -> list[tuple[str, ...]]:
     rows = [tuple(heads)]
     for band in found.bands:
         cells = [
-            f"{figure(one.value, 2)} ({figure(one.low, 2)} to {figure(one.high, 2)})" if isinstance(one, Estimate) else "n/a"
+            f"{figure(one.value, 2)} ({figure(one.low, 2)} to {figure(one.high, 2)})"
+            if isinstance(one, Estimate)
+            else "n/a"
             for one in (*band.force_m_s2, *(rate.scaled(float(np.degrees(1))) for rate in band.rate_rad_s))
         ]
         rows.append((f"{band.from_hz:g} to {band.to_hz:.3g}", *cells))

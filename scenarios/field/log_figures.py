@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -123,7 +124,9 @@ def _of_wheels(recording: Recording) -> Blocks:
     out: Blocks = {}
     for k in range(rolled.shape[1]):
         own = np.array([rolled[b, k] - rolled[a, k] for a, b in spans])
-        out[f"wheel{k}_ahead_of_mean_pct"] = np.where(np.abs(went) > 1, 100 * (own / np.where(went == 0, 1, went) - 1), np.nan)
+        out[f"wheel{k}_ahead_of_mean_pct"] = np.where(
+            np.abs(went) > 1, 100 * (own / np.where(went == 0, 1, went) - 1), np.nan
+        )
     return out
 
 
@@ -158,10 +161,12 @@ def _bands(imu: Imu, values: Float[np.ndarray, "n 3"]) -> Iterator[tuple[float, 
     for part in blocks_of(values.shape[0]):
         piece = values[part] - values[part].mean(axis=0)
         taper = np.hanning(len(piece))
-        power = (np.abs(np.fft.rfft(piece * taper[:, None], axis=0)) ** 2).sum(axis=1) * 2 / (len(piece) * np.sum(taper**2))
+        power = (
+            (np.abs(np.fft.rfft(piece * taper[:, None], axis=0)) ** 2).sum(axis=1) * 2 / (len(piece) * np.sum(taper**2))
+        )
         hz = np.fft.rfftfreq(len(piece), imu.step_s)
-        rows.append([np.sqrt(power[(hz >= a) & (hz < b)].sum()) for a, b in zip(edges[:-1], edges[1:], strict=True)])
-    for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        rows.append([np.sqrt(power[(hz >= a) & (hz < b)].sum()) for a, b in pairwise(edges)])
+    for k, (low, high) in enumerate(pairwise(edges)):
         yield low, high, np.array(rows)[:, k]
 
 
@@ -177,5 +182,3 @@ def _looks(recording: Recording) -> Blocks:
         if view.alignment.converged:
             rows.append(look_of(picture, view, recording.rig).figures())
     return {f"look_{name}": np.array([row[name] for row in rows]) for name in LOOK_FIGURES} if rows else {}
-
-

@@ -54,7 +54,8 @@ def read_device_log(file: Path) -> tuple[Imu, str]:
     if len(rows) < 2:
         raise BadInput([f"{file}: got {len(rows)} rows; a log has 2 or more"])
     table = np.array(rows)
-    imu = Imu(table[:, 0] - table[0, 0], np.radians(table[:, 1:4]), table[:, 4:7], np.zeros(len(table), dtype=bool))
+    unknown = np.zeros(len(table), dtype=bool), np.ones(len(table), dtype=bool)
+    imu = Imu(table[:, 0] - table[0, 0], np.radians(table[:, 1:4]), table[:, 4:7], *unknown)
     bare = float(np.median(np.linalg.norm(imu.force_m_s2, axis=1))) < GRAVITY_LEAST_M_S2
     return imu, "The device has taken gravity off its accelerations: nothing is said of their bias." if bare else ""
 

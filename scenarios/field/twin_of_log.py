@@ -170,7 +170,10 @@ def _pipe(given: Given, found: Identified, drive: dict[str, Any]) -> CommentedMa
     places = [row[1] for row in drive["rows"]] if "rows" in drive else [0.0, drive["stages"][-1]["to_mm"]]
     features = [_pocket(one, given.pipe.wall_thickness_mm) for one in found.defects]
     lows = [min(places) - BEHIND_MM, *(one["distance_mm"] - one["length_mm"] / 2 - ROOM_MM for one in features)]
-    highs = [max(places) + AHEAD_RADII * radius, *(one["distance_mm"] + one["length_mm"] / 2 + ROOM_MM for one in features)]
+    highs = [
+        max(places) + AHEAD_RADII * radius,
+        *(one["distance_mm"] + one["length_mm"] / 2 + ROOM_MM for one in features),
+    ]
     pipe["inner_radius_mm"] = _rounded(radius, 6)
     if diameter is not None:
         pipe.yaml_add_eol_comment(told(diameter.scaled(0.5)), "inner_radius_mm")
@@ -214,14 +217,18 @@ def _robot(given: Given) -> CommentedMap | str | None:
     """The robot with the rig's wheels: one of ours, or the 6 inch one with other wheels."""
     diameters = given.rig.wheels.diameters_mm
     if not 3 <= len(diameters) <= 6:
-        raise BadInput([f"rig: wheels.diameters_mm: got {len(diameters)} values; a robot of ours has 3 to 6 encoder wheels"])
+        raise BadInput(
+            [f"rig: wheels.diameters_mm: got {len(diameters)} values; a robot of ours has 3 to 6 encoder wheels"]
+        )
     radius = float(np.mean(diameters)) / 2
     for name, robot in SIZES.items():
         if abs(robot.wheel_radius_mm / radius - 1) < WHEEL_TOLERANCE and robot.leg_count == len(diameters):
             return None if robot == Robot() else name
     out = CommentedMap(leg_count=len(diameters), wheel_radius_mm=_rounded(radius, 6))
     out["wheel_spacing_mm"] = max(2.2 * _rounded(radius, 6), Robot().wheel_spacing_mm)
-    out["bore_radius_mm"] = max(given.pipe.inner_radius_mm, radius + Robot().leg_travel_mm + Robot().chassis_radius_mm + 1)
+    out["bore_radius_mm"] = max(
+        given.pipe.inner_radius_mm, radius + Robot().leg_travel_mm + Robot().chassis_radius_mm + 1
+    )
     return out
 
 
@@ -262,8 +269,7 @@ def drive_of(way: Way, bands: list[Band]) -> dict[str, Any]:
 def _band(band: Band) -> dict[str, Any] | None:
     """What of a band is beyond chance; nothing where nothing is."""
     force, rate = (
-        [one.value if isinstance(one, Estimate) and one.low > 0 else 0.0 for one in values]
-        for values in (band.force_m_s2, band.rate_rad_s)
+        [one.value if one.low > 0 else 0.0 for one in values] for values in (band.force_m_s2, band.rate_rad_s)
     )
     if not any(force) and not any(rate):
         return None
@@ -289,7 +295,9 @@ def _commented_drive(drive: dict[str, Any], found: Identified) -> CommentedMap:
         words += f"; travel {told(travel)}" if isinstance(travel, Estimate) else ""
         out.yaml_set_comment_before_after_key("rows", before=words, indent=2)
     if "slip_mm" in out:
-        out.yaml_set_comment_before_after_key("slip_mm", before="of each wheel's rim beyond the robot, so far", indent=2)
+        out.yaml_set_comment_before_after_key(
+            "slip_mm", before="of each wheel's rim beyond the robot, so far", indent=2
+        )
     if "vibration" in out:
         words = "RMS in motion beyond the white noise, camera axes x, y, z; bands that are not sure are left out"
         out.yaml_set_comment_before_after_key("vibration", before=words, indent=2)

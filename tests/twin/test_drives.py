@@ -169,9 +169,10 @@ def test_a_recorded_path_shakes_in_its_band_by_as_much_as_told_and_not_at_rest()
     assert power[(hz > 9.5) & (hz < 20.5)].sum() > 0.98 * power.sum()
     assert np.ptp(truth.position_mm[-1000:, 0]) < 1e-3
     for name in ARRAYS:
-        assert getattr(still, name).tobytes() == getattr(
-            simulate(pipe, ROBOT, RecordedDrive(rows=rows), np.random.default_rng(6)), name
-        ).tobytes()
+        assert (
+            getattr(still, name).tobytes()
+            == getattr(simulate(pipe, ROBOT, RecordedDrive(rows=rows), np.random.default_rng(6)), name).tobytes()
+        )
 
 
 def test_a_recorded_path_that_cannot_be_is_refused():

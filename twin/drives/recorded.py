@@ -120,7 +120,9 @@ def _slip_mm(
         return np.zeros((times.size, robot.leg_count))
     slip = np.array(settings.slip_mm)
     if slip.shape[1] != robot.leg_count:
-        raise ValueError(f"slip_mm speaks of {slip.shape[1]} wheels; the robot has {robot.leg_count} legs with one each")
+        raise ValueError(
+            f"slip_mm speaks of {slip.shape[1]} wheels; the robot has {robot.leg_count} legs with one each"
+        )
     # a curve through steps would swing
     return PchipInterpolator(row_s, slip - slip[0])(times)
 
@@ -143,7 +145,7 @@ def _shaken(
     for band in settings.vibration:
         inside = (frequency >= band.from_hz) & (frequency < band.to_hz)
         # as many draws as a band of white noise has, scaled to the band's own power
-        gain = inside / np.sqrt(max(np.count_nonzero(inside), 1) / frequency.size)
+        gain = inside * np.sqrt(frequency.size / max(float(inside.sum()), 1.0))
         omega = 2 * np.pi * np.maximum(frequency, 0.5)
         for axis in range(3):
             felt, turned = (np.fft.rfft(rng.standard_normal(n)) * gain for _ in range(2))
