@@ -13,7 +13,7 @@ from algorithms.types import WallMap
 
 LEAST_COLUMNS, LEAST_SEEN = 8, 0.5
 TRIMS, CUT = 4, 3.0
-INDEPENDENT_PLACES = 300  # of a slide's print around one slit
+INDEPENDENT_PLACES = 100  # of a slide's print around one slit
 
 
 class Bore(NamedTuple):

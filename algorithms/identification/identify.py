@@ -16,7 +16,7 @@ from algorithms.identification.scan import Walk
 from algorithms.identification.slits import SlitFigures
 from algorithms.identification.way import Way, path_quantities, rows_by_wheels, rows_of
 from algorithms.identification.wheels import WheelFigures, consensus_mm, wheel_figures
-from algorithms.localisation.wheels import wheel_distances_mm
+from algorithms.localisation.wheels import count_mm, wheel_distances_mm
 from algorithms.types import Defect, Trajectory
 from sensor_model.recording import Recording
 from sensor_model.rig import ImuMount
@@ -43,7 +43,7 @@ def identify_log(recording: Recording, walked: Walk) -> Identified:
     """All but what pictures alone tell, which `identify_pictures` does."""
     rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
     step_s = float(np.median(np.diff(recording.encoder_stamps_ns))) / 1e9
-    wheels = wheel_figures(rolled, step_s)
+    wheels = wheel_figures(rolled, step_s, count_mm(recording.rig))
     imu = imu_of(recording, rolled)
     way = walked.found.trajectory if walked.found else None
     out = _rates(recording)

@@ -14,7 +14,7 @@ LEAST_LIGHT, MOST_LIGHT = 0.004, 0.92  # below, the noise is cut at black; above
 BINS = 24
 LEAST_IN_BIN = 400
 SMOOTH_PX = 9
-TEXTURE_SHARE = 0.01  # of a variance: what a smooth picture still adds to it, in all parts alike
+TEXTURE_SHARES = (0.03, 0.05)  # of both variances: what picture and file still add to them, in all parts alike
 FLATTEST_SHARE = 0.5  # of the pixels of one brightness, those about which it changes least
 
 
@@ -67,5 +67,8 @@ def quarters(picture: UInt8[np.ndarray, "height width 3"]) -> list[UInt8[np.ndar
 def photon_and_read(variances: Float[np.ndarray, "parts 2"], gamma: float) -> tuple[Quantity, Quantity]:
     """Standard deviations at full scale, from the variances of parts of pictures."""
     words = f"smooth parts of pictures by brightness, with a tone curve of {gamma:g}"
-    found = [of_blocks(column, words, TEXTURE_SHARE * abs(float(np.nanmean(column)))) for column in variances.T]
+    found = [
+        of_blocks(column, words, share * abs(float(np.nanmean(column))))
+        for column, share in zip(variances.T, TEXTURE_SHARES, strict=True)
+    ]
     return root_of(found[0]), root_of(found[1])

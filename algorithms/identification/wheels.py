@@ -29,8 +29,8 @@ class WheelFigures:
     disagreement_mm: Quantity
 
 
-def wheel_figures(rolled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> WheelFigures:
-    """From the way that each wheel rolled at each of its stamps."""
+def wheel_figures(rolled_mm: Float[np.ndarray, "k wheels"], step_s: float, count_mm: float) -> WheelFigures:
+    """From the way that each wheel rolled at each of its stamps, so many seconds apart, in counts of so many mm."""
     way = np.abs(np.diff(rolled_mm, axis=0)).sum(axis=0)
     dead = way < DEAD_SHARE * np.median(way)
     count = rolled_mm.shape[1]
@@ -45,11 +45,11 @@ def wheel_figures(rolled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> Wh
     parts = np.array([np.abs(np.diff(live[a : b + 1], axis=0)).sum(axis=0) for a, b in pairwise(edges.tolist())])
     ratio = parts.mean(axis=1, keepdims=True) / parts - 1
     # a stretch begins and ends somewhere within a count
-    fine = _count_mm(live) / float(np.mean(parts))
+    fine = count_mm / float(np.mean(parts))
     calm = np.abs(ratio - np.median(ratio, axis=0)) <= JOLT_SPREADS * np.maximum([spread(r) for r in ratio.T], fine)
     calm = calm.all(axis=1)  # a wheel that slips shifts the mean for all
     found, scales = iter(ratio[calm].T), np.zeros(count)
-    steps = fine * np.sqrt(1 / 6 / max(np.count_nonzero(calm), 1))
+    steps = fine * np.sqrt(1 / 6 / max(int(calm.sum()), 1))
     scale: list[Quantity] = []
     for wheel in range(count):
         if dead[wheel]:
@@ -59,12 +59,6 @@ def wheel_figures(rolled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> Wh
         scale.append(quantity)
         scales[wheel] = getattr(quantity, "value", 0.0)
     return WheelFigures(tuple(scale), dead, _disagreement(live * (1 + scales[~dead]), step_s))
-
-
-def _count_mm(rolled_mm: Float[np.ndarray, "k wheels"]) -> float:
-    """The way of one count: the least that any wheel went between two stamps."""
-    steps = np.abs(np.diff(rolled_mm, axis=0))
-    return float(steps[steps > 0].min())
 
 
 def _disagreement(scaled_mm: Float[np.ndarray, "k wheels"], step_s: float) -> Quantity:

@@ -28,7 +28,7 @@ from sensor_model.recording import BadRecording, Recording, open_recording
 LEAST_SHARE = 0.005  # two logs are alike to half a per cent, however steady the log is
 # what one print of a slide has beside another of the same roughness does not show from stretch to stretch
 OF_THE_PRINT = ("pixel_noise_px", "edge_jitter_deg", "residual_mm", "look_jitter_px")
-LEAST_SHARES = {"diameter_mm": 2e-4, **dict.fromkeys(OF_THE_PRINT, 0.04)}
+LEAST_SHARES = {"diameter_mm": 2e-4, **dict.fromkeys(OF_THE_PRINT, 0.04), "drop_out_share": 0.1}
 SAME_PLACE_MM = 25.0
 LEAST_BLOCKS = 3
 WAY_SIGMAS = NORMAL_95 * float(np.sqrt(2.0))

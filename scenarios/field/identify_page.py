@@ -55,8 +55,6 @@ def _bands(found: Identified) -> list[tuple[str, ...]]:
     for band in found.bands:
         cells = [
             f"{figure(one.value, 2)} ({figure(one.low, 2)} to {figure(one.high, 2)})"
-            if isinstance(one, Estimate)
-            else "n/a"
             for one in (*band.force_m_s2, *(rate.scaled(float(np.degrees(1))) for rate in band.rate_rad_s))
         ]
         rows.append((f"{band.from_hz:g} to {band.to_hz:.3g}", *cells))

@@ -18,7 +18,7 @@ from algorithms.identification.inertial import BAND_EDGES_HZ, Imu
 from algorithms.identification.scan import Walk
 from algorithms.identification.way import angles_rad
 from algorithms.identification.wheels import wheel_figures
-from algorithms.localisation.wheels import wheel_distances_mm
+from algorithms.localisation.wheels import count_mm, wheel_distances_mm
 from scenarios.calibration.look import look_of
 from sensor_model.recording import Recording
 
@@ -31,13 +31,16 @@ Blocks = dict[str, np.ndarray]
 def log_figures(recording: Recording, walked: Walk) -> Blocks:
     """Every figure by stretches of time; not a number in a stretch that does not show it."""
     out: Blocks = {"frames_per_s": _block_rate(recording.frame_stamps_ns)}
+    pictures = recording.frame_files[0].endswith(".png")
     out |= _of_frames(walked)
+    if pictures:
+        del out["pixel_noise_px"]  # there it is the slide's print, whose roughness stands below
     out |= _of_wheels(recording)
     out |= _of_imu(recording)
     if walked.found is not None:
         way = walked.found.trajectory
         out["diameter_mm"] = _means(2 * way.radius_mm[way.registered])
-    return out | (_looks(recording) if recording.frame_files[0].endswith(".png") else {})
+    return out | (_looks(recording) if pictures else {})
 
 
 class WayFigure(NamedTuple):
@@ -87,7 +90,7 @@ def _middle_wheel(recording: Recording) -> tuple[Float[np.ndarray, "k"], Float[n
     """Way of the live wheels on average, and the times of it."""
     rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
     time_s = (recording.encoder_stamps_ns - recording.encoder_stamps_ns[0]) / 1e9
-    live = ~wheel_figures(rolled, float(np.median(np.diff(time_s)))).dead
+    live = ~wheel_figures(rolled, float(np.median(np.diff(time_s))), count_mm(recording.rig)).dead
     return rolled[:, live].mean(axis=1), time_s
 
 

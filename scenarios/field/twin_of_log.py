@@ -153,8 +153,8 @@ def _wheel_errors(known: dict[str, Quantity]) -> tuple[list[float], Quantity]:
     """How much larger each wheel rolls than it is stated to: beside the mean, and all together where that is known."""
     beside = [one for name, one in known.items() if name.endswith("_scale_beside_mean_pct")]
     common = known.get("wheel_common_scale_pct")
-    if not any(isinstance(one, Estimate) for one in beside) or common is None:
-        return [], common or beside[0]
+    if not any(isinstance(one, Estimate) for one in beside):
+        return [], Unknown("the log has no wheels that roll")
     shared = common.value if isinstance(common, Estimate) else 0.0
     each = [one.value if isinstance(one, Estimate) else 0.0 for one in beside]
     errors = [_rounded(100 * ((1 + one / 100) * (1 + shared / 100) - 1)) for one in each]
