@@ -55,7 +55,7 @@ def walk(recording: Recording, seen: Iterable[SlitPixels], method: Method = IDEN
         before = figures[-1] if figures else None
         figures.append(slit_figures(result.points, result.alignment, recording.rig, from_camera, before))
         if before is not None:
-            figures[-2] = replace(before, rough_rad=_NOTHING)
+            figures[-2] = replace(before, rough_rad=before.rough_rad[:, :0])
         off = radial_mm(result.points.xyz_mm, result.alignment)
         residuals.append(spread(off[np.abs(off) < WRONG_MM]))
     try:
@@ -63,6 +63,3 @@ def walk(recording: Recording, seen: Iterable[SlitPixels], method: Method = IDEN
     except ReconstructionFailed as error:
         found, failure = None, str(error)
     return Walk(found, failure, figures, np.array(residuals), np.array(yields))
-
-
-_NOTHING = np.zeros((0, 0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from scenarios.document import BadInput
 from scenarios.field.compare_page import compare_page
 from scenarios.field.extrapolated import extrapolated
 from scenarios.field.identify import seen_frames
+from scenarios.field.line import Line
 from scenarios.field.log_figures import WayFigure, log_figures, way_figures
 from scenarios.load import load_scenario
 from scenarios.progress import Progress
@@ -32,27 +32,6 @@ LEAST_SHARES = {"diameter_mm": 2e-4, **dict.fromkeys(OF_THE_PRINT, 0.04), "drop_
 SAME_PLACE_MM = 25.0
 LEAST_BLOCKS = 3
 WAY_SIGMAS = NORMAL_95 * float(np.sqrt(2.0))
-
-
-@dataclass(frozen=True)
-class Line:
-    """One figure of both; `spread` is how far another stretch of the log itself would lie off 95 times in 100."""
-
-    name: str
-    log: float
-    replay: float
-    spread: float
-    blocks: int
-
-    @property
-    def difference(self) -> float:
-        """Replay less log."""
-        return self.replay - self.log
-
-    @property
-    def inside(self) -> bool:
-        """Whether the replay lies within the spread."""
-        return bool(abs(self.difference) <= self.spread)
 
 
 def compare(log: Path, replay: Path, out: Path, progress: Progress) -> dict[str, Any]:

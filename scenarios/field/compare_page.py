@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 from scenarios.field.credibility import credibility
+from scenarios.field.line import Line
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import BLUE, VERMILION, Picture, drawing, to_picture
 from scenarios.report.numbers import figure, signed
@@ -16,32 +16,14 @@ MOST = 3.0  # spreads; what lies further off is drawn at the edge
 SPREAD = (
     "The spread comes from the log alone: it is cut into up to eight stretches of time, and another such stretch of "
     "the same log would lie within the spread 95 times in 100 (Student's t). It is never taken for less than 0.5 % of "
-    "the figure (0.02 % of the diameter, 4 % of what the slide's print makes rough, a tenth of the drop-outs). Speed, offset, roll and tilt are "
-    "compared stretch by stretch, and the worst one is shown; their spread is how single frames of the log scatter, or "
-    "what the measurement states if that is more. Sizes of defects have the uncertainty that both state for theirs."
+    "the figure (0.02 % of the diameter, 4 % of what the slide's print makes rough, a tenth of the drop-outs). Speed, "
+    "offset, roll and tilt are compared stretch by stretch, and the worst one is shown; their spread is how single "
+    "frames of the log scatter, or what the measurement states if that is more. Sizes of defects have the uncertainty "
+    "that both state for theirs."
 )
 
 
-class Compared(Protocol):
-    """What the page needs of a line."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def log(self) -> float: ...  # noqa: D102
-    @property
-    def replay(self) -> float: ...  # noqa: D102
-    @property
-    def spread(self) -> float: ...  # noqa: D102
-    @property
-    def blocks(self) -> int: ...  # noqa: D102
-    @property
-    def difference(self) -> float: ...  # noqa: D102
-    @property
-    def inside(self) -> bool: ...  # noqa: D102
-
-
-def compare_page(log: str, replay: str, lines: Sequence[Compared], scenario: Scenario | None) -> str:
+def compare_page(log: str, replay: str, lines: Sequence[Line], scenario: Scenario | None) -> str:
     """The whole page."""
     outside = [line for line in lines if not line.inside]
     verdict = f"{len(lines) - len(outside)} of {len(lines)} figures lie inside the log's own spread"
@@ -75,7 +57,7 @@ def _decimals(spread: float) -> int:
     return min(max(ceil(-log10(spread)) + 1, 0), 8) if spread > 0 else 2
 
 
-def _picture(lines: Sequence[Compared]) -> Picture:
+def _picture(lines: Sequence[Line]) -> Picture:
     """Differences in spreads, one dot a figure."""
     shown = [line for line in lines if line.spread > 0][::-1]
     with drawing(0.22 * len(shown) + 1.2) as drawn:
