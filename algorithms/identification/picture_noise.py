@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from algorithms.identification.estimate import Quantity, of_blocks, root_of
+from algorithms.identification.estimate import Estimate, Quantity, Unknown, of_blocks, root_of
 from algorithms.robust import MAD_TO_SIGMA
 
 KERNEL = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0])  # blind to planes and to edges along rows and columns
@@ -71,4 +71,12 @@ def photon_and_read(variances: Float[np.ndarray, "parts 2"], gamma: float) -> tu
         of_blocks(column, words, share * abs(float(np.nanmean(column))))
         for column, share in zip(variances.T, TEXTURE_SHARES, strict=True)
     ]
-    return root_of(found[0]), root_of(found[1])
+    shot, read = (_unless_below_zero(one) for one in found)
+    return shot, read
+
+
+def _unless_below_zero(variance: Quantity) -> Quantity:
+    """A standard deviation; none where the line through the variances ends below zero."""
+    if isinstance(variance, Estimate) and variance.high < 0:
+        return Unknown("the dark is quieter than the bright parts foretell: another tone curve, or smoothed pictures")
+    return root_of(variance)
