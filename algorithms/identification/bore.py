@@ -55,9 +55,9 @@ def bore(wall: WallMap, radius_mm: Float[np.ndarray, "registered"], rough_mm: fl
     words = f"twice around the bore, wall map in {BLOCKS} stretches"
     ovality = Estimate(pct * size, pct * max(size - half, 0.0), pct * (size + half), n, words)
     if size < half:
-        return Bore(radius.scaled(2), ovality, Unknown("the bore is not seen to be oval"))
+        return Bore(radius.scaled(2.0), ovality, Unknown("the bore is not seen to be oval"))
     turn, off = float(np.arctan2(mean[1], mean[0]) / 2 % np.pi), float(np.arcsin(half / size) / 2)
-    return Bore(radius.scaled(2), ovality, Estimate(turn, turn - off, turn + off, n, words))
+    return Bore(radius.scaled(2.0), ovality, Estimate(turn, turn - off, turn + off, n, words))
 
 
 def _oval(wall: WallMap, columns: np.ndarray) -> Float[np.ndarray, "5"]:

@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 from algorithms.identification import inertial, picture_noise, slits
 from algorithms.identification.bore import bore
 from algorithms.identification.estimate import Estimate, Quantity, Unknown, about, of_blocks, of_share
-from algorithms.identification.inertial import Band, Imu
+from algorithms.identification.inertial import Imu
 from algorithms.identification.scan import Walk
+from algorithms.identification.shaking import Band, vibration
 from algorithms.identification.slits import SlitFigures
 from algorithms.identification.way import Way, path_quantities, rows_by_wheels, rows_of
-from algorithms.identification.wheels import WheelFigures, consensus_mm, wheel_figures
-from algorithms.localisation.wheels import count_mm, wheel_distances_mm
+from algorithms.identification.wheels import WheelFigures, consensus_mm, rolled_mm, wheel_figures
+from algorithms.localisation.wheels import count_mm
 from algorithms.types import Defect, Trajectory
 from sensor_model.recording import Recording
 from sensor_model.rig import ImuMount
@@ -41,7 +42,7 @@ class Identified:
 
 def identify_log(recording: Recording, walked: Walk) -> Identified:
     """All but what pictures alone tell, which `identify_pictures` does."""
-    rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
+    rolled = rolled_mm(recording)
     step_s = float(np.median(np.diff(recording.encoder_stamps_ns))) / 1e9
     wheels = wheel_figures(rolled, step_s, count_mm(recording.rig))
     imu = imu_of(recording, rolled)
@@ -76,7 +77,7 @@ def shaking(imu: Imu, mount: ImuMount, known: dict[str, Quantity]) -> list[Band]
     for name in ("gyroscope_noise_density", "accelerometer_noise_density"):
         density = known[name]
         noise.append(density if isinstance(density, Estimate) and density.low > 0 else none)
-    return inertial.vibration(imu, mount, *noise)
+    return vibration(imu, mount, *noise)
 
 
 def identify_imu(imu: Imu) -> dict[str, Quantity]:
@@ -130,7 +131,7 @@ def _wheel_quantities(wheels: WheelFigures, agreed_mm: Float[np.ndarray, "k"], w
     """Scales in per cent: beside each other by the encoders, all together by what several rings saw of the wall."""
     out: dict[str, Quantity] = {}
     for k, one in enumerate(wheels.scale):
-        out[f"wheel{k}_scale_beside_mean_pct"] = one.scaled(100)
+        out[f"wheel{k}_scale_beside_mean_pct"] = one.scaled(100.0)
     out["wheel_common_scale_pct"] = _common_scale(agreed_mm, walked)
     out["encoder_disagreement_mm"] = wheels.disagreement_mm
     if walked.found is None:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from algorithms.identification.estimate import BLOCKS, Quantity, Unknown, blocks_of, of_blocks
 from algorithms.robust import spread
+from sensor_model.recording import Recording
 
 DEAD_SHARE = 0.1  # a wheel that rolls less than this of what the others roll
 LEAST_TRAVEL_MM = 20.0
@@ -27,6 +28,12 @@ class WheelFigures:
     scale: tuple[Quantity, ...]
     dead: Bool[np.ndarray, "wheels"]
     disagreement_mm: Quantity
+
+
+def rolled_mm(recording: Recording) -> Float[np.ndarray, "k wheels"]:
+    """The way that each wheel rolled since the start of the log, at every stamp of the encoders."""
+    wheels = recording.rig.wheels
+    return recording.counts / wheels.counts_per_turn * np.pi * np.array(wheels.diameters_mm)  # Eq. 25
 
 
 def wheel_figures(rolled_mm: Float[np.ndarray, "k wheels"], step_s: float, count_mm: float) -> WheelFigures:

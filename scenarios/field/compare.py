@@ -109,7 +109,7 @@ def _way_line(name: str, log: WayFigure, replay: WayFigure) -> Line | None:
 def _defect_lines(log: tuple[Defect, ...], replay: tuple[Defect, ...]) -> list[Line]:
     """Their number, and the sizes of those at the same place within what both state; not those that the scan cuts."""
     log, replay = (tuple(one for one in defects if not one.cut_by_scan_end) for defects in (log, replay))
-    lines = [Line("defects", len(log), len(replay), 0.0, 1)]
+    lines = [Line("defects", float(len(log)), float(len(replay)), 0.0, 1)]
     for k, one in enumerate(log):
         near = [other for other in replay if abs(other.distance_mm - one.distance_mm) < SAME_PLACE_MM]
         if not near:

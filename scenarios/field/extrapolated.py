@@ -23,7 +23,7 @@ class Range(NamedTuple):
     by: str
 
 
-def _inches(scenario: Scenario) -> float:
+def _diameter_mm(scenario: Scenario) -> float:
     return 2 * scenario.pipe.bore_radius_mm
 
 
@@ -72,7 +72,7 @@ def _travel(scenario: Scenario) -> float:
 
 
 RANGES = (
-    Range("bore diameter (mm)", _inches, 136.0, 153.0, f"{REAL} (about 140 mm) and {PAPER} (152.4 mm)"),
+    Range("bore diameter (mm)", _diameter_mm, 136.0, 153.0, f"{REAL} (about 140 mm) and {PAPER} (152.4 mm)"),
     Range("deepest defect (% of the wall)", _deepest, 0.0, 100.0, f"{PAPER} (25 to 100 %)"),
     Range("shallowest defect (% of the wall)", _shallowest, 25.0, 100.0, f"{PAPER} (25 to 100 %)"),
     Range("tilt (degrees)", _tilt, 0.0, 3.5, f"{REAL} (up to 3.5 degrees)"),

@@ -23,7 +23,7 @@ from algorithms.identification.identify import (
 )
 from algorithms.identification.inertial import Imu
 from algorithms.identification.scan import IDENTIFYING, walk
-from algorithms.localisation.wheels import wheel_distances_mm
+from algorithms.identification.wheels import rolled_mm
 from algorithms.reconstruct import see
 from scenarios.calibration.camera import page_of
 from scenarios.calibration.in_pipe import read_for
@@ -138,11 +138,10 @@ def _of_recording(folder: Path, rig: Rig | None, optics: Optics, name: str, prog
         found = replace(
             found, quantities=found.quantities | _picture_quantities(pictures, found, recording.rig, optics)
         )
-    rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
     given = Given(name, recording.rig, recording.pipe, "points" if points else "picture", optics)
     way = found.way
     assert way is not None  # noqa: S101  a recording always has encoders
-    return Identification(found, imu_of(recording, rolled), given, drive_of(way, found.bands))
+    return Identification(found, imu_of(recording, rolled_mm(recording)), given, drive_of(way, found.bands))
 
 
 def _with_rig(recording: Recording, rig: Rig) -> Recording:

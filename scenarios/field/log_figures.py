@@ -14,11 +14,12 @@ from algorithms.calibration.pipe_view import view_pipe
 from algorithms.decode import DecodeSettings
 from algorithms.identification.estimate import BLOCKS, blocks_of
 from algorithms.identification.identify import imu_of
-from algorithms.identification.inertial import BAND_EDGES_HZ, Imu
+from algorithms.identification.inertial import Imu
 from algorithms.identification.scan import Walk
+from algorithms.identification.shaking import BAND_EDGES_HZ
 from algorithms.identification.way import angles_rad
-from algorithms.identification.wheels import wheel_figures
-from algorithms.localisation.wheels import count_mm, wheel_distances_mm
+from algorithms.identification.wheels import rolled_mm, wheel_figures
+from algorithms.localisation.wheels import count_mm
 from scenarios.calibration.look import look_of
 from sensor_model.recording import Recording
 
@@ -88,7 +89,7 @@ def _way_figure(values: Float[np.ndarray, "n"], stated_std: float) -> WayFigure:
 
 def _middle_wheel(recording: Recording) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Way of the live wheels on average, and the times of it."""
-    rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
+    rolled = rolled_mm(recording)
     time_s = (recording.encoder_stamps_ns - recording.encoder_stamps_ns[0]) / 1e9
     live = ~wheel_figures(rolled, float(np.median(np.diff(time_s))), count_mm(recording.rig)).dead
     return rolled[:, live].mean(axis=1), time_s
@@ -120,7 +121,7 @@ def _of_frames(walked: Walk) -> Blocks:
 
 def _of_wheels(recording: Recording) -> Blocks:
     """How far each wheel rolls ahead of their mean, as the encoders say it."""
-    rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
+    rolled = rolled_mm(recording)
     middle, _ = _middle_wheel(recording)
     spans = [(part.start, part.stop) for part in blocks_of(middle.size - 1)]
     went = np.array([middle[b] - middle[a] for a, b in spans])
@@ -135,7 +136,7 @@ def _of_wheels(recording: Recording) -> Blocks:
 
 def _of_imu(recording: Recording) -> Blocks:
     """RMS about the mean of each axis, noise from sample to sample, and bands of all axes together."""
-    rolled = np.stack([wheel_distances_mm(row, recording.rig) for row in recording.counts.astype(float)])
+    rolled = rolled_mm(recording)
     imu = imu_of(recording, rolled)
     out: Blocks = {}
     for name, values in (("gyro_deg_s", np.degrees(imu.gyro_rad_s)), ("force_m_s2", imu.force_m_s2)):

@@ -11,7 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from algorithms.identification.estimate import Estimate, Quantity, Unknown
 from algorithms.identification.identify import Identified
-from algorithms.identification.inertial import Band
+from algorithms.identification.shaking import Band
 from algorithms.identification.way import Way
 from algorithms.types import Defect
 from scenarios.document import BadInput
@@ -152,7 +152,7 @@ def whole_cells(value: float) -> int:
 def _wheel_errors(known: dict[str, Quantity]) -> tuple[list[float], Quantity]:
     """How much larger each wheel rolls than it is stated to: beside the mean, and all together where that is known."""
     beside = [one for name, one in known.items() if name.endswith("_scale_beside_mean_pct")]
-    common = known.get("wheel_common_scale_pct")
+    common = known.get("wheel_common_scale_pct", Unknown("nothing tells it"))
     if not any(isinstance(one, Estimate) for one in beside):
         return [], Unknown("the log has no wheels that roll")
     shared = common.value if isinstance(common, Estimate) else 0.0

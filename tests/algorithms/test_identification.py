@@ -13,9 +13,9 @@ from algorithms.identification.inertial import (
     noise_density,
     random_walk,
     rest_by_wheels,
-    vibration,
 )
 from algorithms.identification.picture_noise import noise_of, photon_and_read, quarters
+from algorithms.identification.shaking import vibration
 from algorithms.identification.slits import knot_correlation
 from algorithms.identification.wheels import consensus_mm, wheel_figures
 from sensor_model.geometry import GRAVITY_M_S2
