@@ -19,6 +19,7 @@ from algorithms.identification.estimate import (
     root_of,
     widened,
 )
+from algorithms.robust import spread
 from sensor_model.geometry import GRAVITY_M_S2
 
 LEAST_REST_S, LEAST_REST_SAMPLES = 1.0, 40
@@ -31,6 +32,7 @@ WINDOW_S = 1.0
 CHANCES = 5.0  # standard deviations that two octaves, or two axes, may differ by and still be taken for alike
 THIRD_DIFFERENCE_GAIN = 20.0  # variance of the third difference of white noise over its own
 THIRD_DIFFERENCE_FREEDOM = 0.4  # degrees of freedom that a third difference is worth
+JOLT_SIGMAS = 4.0
 MEDIAN_WORTH = 0.37  # of a variance, for one by the median absolute deviation
 
 
@@ -63,7 +65,7 @@ def rest_by_wheels(
         begin, end = encoder_stamps_ns[first], encoder_stamps_ns[last]
         drift = np.abs(rolled_mm[last] - rolled_mm[first]).max()
         if (end - begin) / 1e9 >= LEAST_REST_S and drift < 0.02 * (end - begin) / 1e9 + 0.05:
-            rest |= (imu_stamps_ns > begin + 2e8) & (imu_stamps_ns < end)  # the robot swings out first
+            rest |= (imu_stamps_ns > begin + 2e8) & (imu_stamps_ns < end - 1e8)  # the robot swings out first
     return rest
 
 
@@ -88,16 +90,18 @@ def noise_density(imu: Imu, of: str) -> Quantity:
     values = imu.gyro_rad_s if of == "gyro" else imu.force_m_s2
     rest = imu.at_rest
     if np.count_nonzero(rest) >= LEAST_REST_SAMPLES:
-        pairs = _within(rest, 1)
-        allan = 0.5 * np.diff(values, axis=0)[pairs] ** 2
+        steps = np.diff(values, axis=0)[rest[1:] & rest[:-1]]
+        # a robot that is about to start, or still swings, is not at rest
+        steps = steps[(np.abs(steps) <= JOLT_SIGMAS * np.array([spread(axis) for axis in steps.T])).all(axis=1)]
         # neighbouring differences share a sample, which leaves two thirds of them
-        found = of_variances(allan.mean(axis=0), 2 / 3 * allan.shape[0], "Allan deviation at rest, one sample")
-        return found.scaled(np.sqrt(imu.step_s))
+        words = "Allan deviation at rest, one sample"
+        found = of_variances(0.5 * np.mean(steps**2, axis=0), 2 / 3 * len(steps), words)
+        return found.scaled(float(np.sqrt(imu.step_s)))
     if imu.time_s.size < LEAST_SAMPLES:
         return Unknown(f"{imu.time_s.size} samples; {LEAST_SAMPLES} are needed")
     third = np.diff(values, n=3, axis=0)
-    spread = np.array([1.4826 * np.median(np.abs(axis - np.median(axis))) for axis in third.T])
-    axes, words = spread**2 / THIRD_DIFFERENCE_GAIN, "third differences in motion; the log has no rest"
+    scatter = np.array([spread(axis) for axis in third.T])
+    axes, words = scatter**2 / THIRD_DIFFERENCE_GAIN, "third differences in motion; the log has no rest"
     freedom = MEDIAN_WORTH * THIRD_DIFFERENCE_FREEDOM * third.shape[0]
     found = of_variances(axes, freedom, words).scaled(np.sqrt(imu.step_s))
     if _white_at_the_top(imu, values) and axes.max() < (1 + CHANCES * np.sqrt(2 / freedom)) * axes.min():
@@ -105,14 +109,6 @@ def noise_density(imu: Imu, of: str) -> Quantity:
     shaken = "third differences in motion: at most so much, for noise and vibration are not told apart without rest"
     least = float(np.sqrt(axes.min() * imu.step_s))
     return Estimate(least, 0.0, found.high, found.count, shaken)
-
-
-def _within(rest: Bool[np.ndarray, "n"], steps: int) -> Bool[np.ndarray, "m"]:
-    """Which differences over so many steps lie wholly at rest."""
-    inside = rest[steps:].copy()
-    for k in range(steps):
-        inside &= rest[k : k - steps]
-    return inside
 
 
 def _white_at_the_top(imu: Imu, values: Float[np.ndarray, "n 3"]) -> bool:
@@ -196,10 +192,10 @@ def size_of(biases: list[Quantity], source: str) -> Quantity:
         return biases[0]
     measured = np.array([((b.high - b.low) / (2 * NORMAL_95)) ** 2 for b in known])
     found = of_variances(
-        np.array([max(float(np.mean([b.value**2 for b in known])) - measured.mean(), 0.0)]), len(known), source
+        np.array([max(float(np.mean([b.value**2 for b in known])) - measured.mean(), 0.0)]), float(len(known)), source
     )
     blur = float(np.sqrt(measured.mean()))
-    return Estimate(found.value, max(found.low - 2 * blur, 0.0), found.high + 2 * blur, float(len(known)), source)
+    return Estimate(found.value, max(found.low - 2 * blur, 0.0), found.high + 2 * blur, len(known), source)
 
 
 def force_bias_down(imu: Imu) -> Quantity:
