@@ -16,10 +16,10 @@ MOST = 3.0  # spreads; what lies further off is drawn at the edge
 SPREAD = (
     "The spread comes from the log alone: it is cut into up to eight stretches of time, and another such stretch of "
     "the same log would lie within the spread 95 times in 100 (Student's t). It is never taken for less than 0.5 % of "
-    "the figure (0.02 % of the diameter, 4 % of what the slide's print makes rough, a tenth of the drop-outs). Speed, "
-    "offset, roll and tilt are compared stretch by stretch, and the worst one is shown; their spread is how single "
-    "frames of the log scatter, or what the measurement states if that is more. Sizes of defects have the uncertainty "
-    "that both state for theirs."
+    "the figure (0.02 % of the diameter, 4 % of what the slide's print makes rough, a tenth of the drop-outs, 0.8 % of "
+    "the mean force). Speed, offset, roll and tilt are compared stretch by stretch, and the worst one is shown; their "
+    "spread is how single frames of the log scatter, or what the measurement states if that is more. Sizes of defects "
+    "have the uncertainty that both state for theirs."
 )
 
 
