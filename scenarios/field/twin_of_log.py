@@ -22,6 +22,7 @@ from twin.robot import SIZES, Robot
 
 BEHIND_MM, AHEAD_RADII, ROOM_MM = 400.0, 4.0, 100.0
 CORNER_MM, EDGE_MM, LEAST_SIDE_MM = 3.0, 2.0, 2.0
+SURE_SHARE = 0.7  # bands are many, and a rate that is none would swing the IMU on its lever: about four deviations
 JAG_OF_RMS = 3.0  # a centre line between two edges, each straight between knots that lie evenly within +-1: RMS of 1/3
 WHEEL_TOLERANCE = 0.02
 WIDTH = 110
@@ -269,7 +270,8 @@ def drive_of(way: Way, bands: list[Band]) -> dict[str, Any]:
 def _band(band: Band) -> dict[str, Any] | None:
     """What of a band is beyond chance; nothing where nothing is."""
     force, rate = (
-        [one.value if one.low > 0 else 0.0 for one in values] for values in (band.force_m_s2, band.rate_rad_s)
+        [one.value if one.low > SURE_SHARE * one.value else 0.0 for one in values]
+        for values in (band.force_m_s2, band.rate_rad_s)
     )
     if not any(force) and not any(rate):
         return None
