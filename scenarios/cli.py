@@ -15,6 +15,7 @@ from scenarios import calibrate_commands
 from scenarios.bench.commands import app as bench_commands
 from scenarios.cores import cores
 from scenarios.fidelity import commands as fidelity_commands
+from scenarios.field import identify_commands
 from scenarios.paper.commands import app as paper_commands
 from scenarios.plan import commands as plan_commands
 from scenarios.study import commands as study_commands
@@ -30,6 +31,7 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 calibrate_commands.register(app)
+identify_commands.register(app)
 
 app.add_typer(bench_commands, name="bench")
 app.add_typer(paper_commands, name="paper")

@@ -18,6 +18,11 @@ def wheel_distances_mm(counts: Float[np.ndarray, "wheels"], rig: Rig) -> Float[n
     return turns * np.pi * np.array(rig.wheels.diameters_mm)  # Eq. 25
 
 
+def count_mm(rig: Rig) -> float:
+    """Way of one count of a middling wheel."""
+    return float(np.pi * np.mean(rig.wheels.diameters_mm) / rig.wheels.counts_per_turn)
+
+
 class WheelCalibration(NamedTuple):
     """What `WheelSettings` of the fused estimator want, by their names there."""
 

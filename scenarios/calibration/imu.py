@@ -54,7 +54,7 @@ def read_log(file: Path) -> Float[np.ndarray, "rows 4"]:
     Raises:
         BadInput: naming file, line and value.
     """
-    lines = _text(file).splitlines()
+    lines = read_text(file).splitlines()
     if len(lines) > MOST_ROWS:
         raise BadInput([f"{file}: {len(lines)} rows; at most {MOST_ROWS} are taken"])
     ours = bool(lines) and lines[0].startswith(OURS)
@@ -65,7 +65,7 @@ def read_log(file: Path) -> Float[np.ndarray, "rows 4"]:
             expected = "a stamp and w, x, y, z" if ours else f"{DEVICE_COLUMNS} columns, the quaternion last"
             raise BadInput([f"{file}:{number}: got {len(cells)} columns; {expected} are expected"])
         try:
-            stamp_s = int(cells[0]) * 1e-9 if ours else _clock_s(cells[0]) + int(cells[1]) * 1e-9
+            stamp_s = int(cells[0]) * 1e-9 if ours else clock_s(cells[0]) + int(cells[1]) * 1e-9
             q = [float(cell) for cell in (cells[1:] if ours else cells[DEVICE_QUATERNION:])]
         except ValueError as error:
             raise BadInput([f"{file}:{number}: {error}; numbers are expected"]) from error
@@ -82,7 +82,8 @@ def read_log(file: Path) -> Float[np.ndarray, "rows 4"]:
     return np.array(rows)
 
 
-def _clock_s(text: str) -> float:
+def clock_s(text: str) -> float:
+    """Seconds since midnight of the device's clock, h:mm:ss."""
     hours, minutes, seconds = (int(part) for part in text.split(":"))
     return 3600.0 * hours + 60.0 * minutes + seconds
 
@@ -97,7 +98,7 @@ def read_poses(file: Path) -> Float[np.ndarray, "poses 3"]:
         rotvecs = _from_mat(file)
     else:
         try:
-            cells = [line.split(",")[:3] for line in _text(file).splitlines()[1:]]
+            cells = [line.split(",")[:3] for line in read_text(file).splitlines()[1:]]
             rotvecs = np.array([[float(cell) for cell in row] for row in cells])
         except ValueError as error:
             raise BadInput([f"{file}: {error}; rows of rx, ry, rz in rad under a header are expected"]) from error
@@ -121,7 +122,12 @@ def _from_mat(file: Path) -> np.ndarray:
         raise BadInput([f"{file}: is no MATLAB file that can be read: {type(error).__name__}"]) from error
 
 
-def _text(file: Path) -> str:
+def read_text(file: Path) -> str:
+    """A file of UTF-8 text, of bounded size.
+
+    Raises:
+        BadInput: for another one.
+    """
     try:
         return _bytes(file).decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -38,7 +38,7 @@ def decode_picture(image: Path, rig: Rig, out: Path, twin_look: str | None = Non
     Raises:
         BadInput: for a picture that cannot be read, is of another size, or shows no pipe.
     """
-    optics = _optics(twin_look)
+    optics = None if twin_look is None else optics_called(twin_look, "--twin")
     started = perf_counter()
     picture = read_for(image, rig)
     read_ms = 1e3 * (perf_counter() - started)
@@ -61,13 +61,16 @@ def decode_picture(image: Path, rig: Rig, out: Path, twin_look: str | None = Non
     return figures
 
 
-def _optics(name: str | None) -> Optics | None:
-    if name is None or name == "plain":
-        return None if name is None else Optics()
+def optics_called(name: str, flag: str) -> Optics:
+    """A look by its name; "plain" is the default optics.
+
+    Raises:
+        BadInput: naming the flag and the looks there are.
+    """
     try:
-        return look(name)
+        return Optics() if name == "plain" else look(name)
     except ValueError as error:
-        raise BadInput([f"--twin: {error}, and plain"]) from error
+        raise BadInput([f"{flag}: {error}, and plain"]) from error
 
 
 def read_for(image: Path, rig: Rig) -> UInt8[np.ndarray, "height width 3"]:

@@ -7,8 +7,9 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field
 
-from twin.drives import gantry, robot
+from twin.drives import gantry, recorded, robot
 from twin.drives.gantry import GantryDrive
+from twin.drives.recorded import RecordedDrive
 from twin.drives.robot import RobotDrive
 from twin.truth import Truth
 
@@ -20,6 +21,10 @@ class Drive(NamedTuple):
     drive: Callable[..., Truth]
 
 
-DRIVES = {"robot": Drive(RobotDrive, robot.drive), "gantry": Drive(GantryDrive, gantry.drive)}
+DRIVES = {
+    "robot": Drive(RobotDrive, robot.drive),
+    "gantry": Drive(GantryDrive, gantry.drive),
+    "recorded": Drive(RecordedDrive, recorded.drive),
+}
 
-AnyDrive = Annotated[RobotDrive | GantryDrive, Field(discriminator="kind")]
+AnyDrive = Annotated[RobotDrive | GantryDrive | RecordedDrive, Field(discriminator="kind")]
