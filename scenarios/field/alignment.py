@@ -21,7 +21,7 @@ MOST_PROPOSERS = 30  # the largest places of each list propose and weigh
 
 @dataclass(frozen=True)
 class Places:
-    """Middles on the wall, and a size of each that helps to tell them apart; NaN angle and size: a joint, all around."""
+    """Middles on the wall, and a size of each that helps to tell them apart; NaN twice: a joint, all around."""
 
     z_mm: Float[np.ndarray, "n"]
     theta_rad: Float[np.ndarray, "n"]
