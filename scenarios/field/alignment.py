@@ -14,7 +14,7 @@ from sensor_model.geometry import wrap_rad
 GATE_MM = 15.0  # of two middles that are one defect's, once laid over each other
 DRIFT_SHARE = 3 * TRAVEL_STD_SHARE  # of the distance between two places: what travel may drift apart from scan to scan
 FURTHEST_MM = 500.0  # launches are no further apart
-UNLIKE = 0.7  # sizes further apart than this, as logarithms of their ratio, count half
+UNLIKE = 0.7  # sizes this far apart, as logarithms of their ratio, make a pair count half
 ROUNDS = 5
 MOST_PROPOSERS = 30  # the largest places of each list propose and weigh
 
@@ -97,7 +97,7 @@ def _weight(first: Places, second: Places, radius_mm: float, offset: float, angl
     for i, k in _pairs(first, second, radius_mm, offset, angle):
         off = np.hypot(*_difference(first, second, radius_mm, offset, angle, i, k))
         unlike = np.nan_to_num(abs(np.log(first.size_mm[i] / second.size_mm[k])))
-        total += (1 - 0.5 * min(off / GATE_MM, 1.0)) * (0.5 if unlike > UNLIKE else 1.0)
+        total += (1 - 0.5 * min(off / GATE_MM, 1.0)) * (1 - 0.5 * min(unlike / UNLIKE, 1.0))
     return total
 
 

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 FAILED = 1
+DEPTH_SHOWN = ("before_mm", "after_mm", "change_mm", "change_low_mm", "change_high_mm", "verdict")
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A folder that `run` or `replay` made.")]
 
@@ -16,6 +17,7 @@ RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A folder that `r
 def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
     app.command()(match)
+    app.command()(verify)
 
 
 def match(
@@ -43,4 +45,26 @@ def match(
     print(f"{words(found)}\nreport: {out / 'report.html'}")
 
 
-DEPTH_SHOWN = ("before_mm", "after_mm", "change_mm", "change_low_mm", "change_high_mm", "verdict")
+def verify(
+    log_or_run: Annotated[Path, typer.Argument(metavar="LOG_OR_RUN", help="A scan of the spool: a log or a run.")],
+    spool: Annotated[Path, typer.Option("--spool", metavar="FILE", help="The spool's certificate (YAML).")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Page and tables.  [default: verify/SCAN]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """The check before and after a job: does a scan of a reference spool agree with its certificate."""
+    from scenarios.field.verify import rows
+    from scenarios.field.verify_page import figures, words, write_check
+    from scenarios.report.plain_rows import text_table
+
+    out = out or Path("verify") / log_or_run.name
+    check = write_check(log_or_run, spool, out)
+    if as_json:
+        print(json.dumps(figures(check), indent=2))
+    else:
+        columns = ("what", "measured", "certified", "allowed", "unit", "verdict", "words")
+        print(text_table(rows(check), dict(zip(columns, columns, strict=True))))
+        print(f"{words(check)}\nreport: {out / 'report.html'}")
+    if check.verdict != "inside":
+        raise typer.Exit(FAILED)

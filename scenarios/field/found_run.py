@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from algorithms.types import Defect, WallMap
+from algorithms.types import Defect, Reconstruction, WallMap
 from scenarios.artefacts import DEFECT_COLUMNS, EPISODE_COLUMNS
 from scenarios.document import BadInput, shown
 from sensor_model.geometry import rotation_from_wxyz, transform
@@ -80,6 +80,17 @@ def read_found(folder: Path) -> FoundRun:
         T,
         tuple(_rows(episodes, EPISODE_COLUMNS, _episode)) if episodes.is_file() else (),
     )
+
+
+def found_of(folder: Path, found: Reconstruction) -> FoundRun:
+    """A measurement that was just made, as its folder would tell it."""
+    path = found.trajectory
+    kept = path.registered
+    episodes = tuple(
+        NotedEpisode(one.kind, one.who, one.start_ns / 1e9, one.end_ns / 1e9, one.amount) for one in found.episodes
+    )
+    time_s, T = path.stamp_ns[kept] / 1e9, path.T_pipe_camera[kept]
+    return FoundRun(folder, found.wall, found.deviation_mm, found.defects, time_s, T, episodes)
 
 
 def recording_of(folder: Path) -> Recording | None:
