@@ -93,7 +93,7 @@ def test_a_certified_size_that_is_off_a_defect_too_many_and_one_missing_are_outs
 
 
 def test_a_defect_that_was_not_seen_is_not_judged_and_the_check_does_not_pass(scan_of_spool, spool):
-    short = scan_of_spool("drive.stages=[{to_mm: 100}]")
+    short = scan_of_spool("drive.stages=[{to_mm: 25}]")
     check = verify(short, read_spool(spool))
     assert {f.verdict for f in check.sizing if f.what.startswith("B")} == {"not judged"}
     assert check.verdict == "not judged"
