@@ -16,8 +16,23 @@ RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A folder that `r
 
 def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
+    app.command("twin-page")(twin_page)
     app.command()(match)
     app.command()(verify)
+
+
+def twin_page(
+    run_dir: RunFolder,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Page.  [default: RUN/twin.html]")
+    ] = None,
+) -> None:
+    """Make a page of a run: the wall unrolled and in space, defects to click, path, roll, slip and pictures."""
+    from scenarios.field.twin_page import write_twin_page
+
+    out = out or run_dir / "twin.html"
+    write_twin_page(run_dir, out)
+    print(f"page: {out}")
 
 
 def match(
