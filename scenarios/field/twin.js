@@ -283,6 +283,6 @@ map.addEventListener("keydown", (event) => {
 });
 turnable(drawSpace);
 window.addEventListener("resize", show);
-view.zoom = 1.2;
+view.zoom = Math.max(0.5, Math.min(1.2, scene.clientWidth / 800));
 if (defects.length) lookAt(defects[0]);
 show();
