@@ -78,8 +78,9 @@ def verify(
     if as_json:
         print(json.dumps(figures(check), indent=2))
     else:
-        columns = ("what", "measured", "certified", "allowed", "unit", "verdict", "words")
-        print(text_table(rows(check), dict(zip(columns, columns, strict=True))))
+        numbers, others = ("measured", "certified", "allowed"), ("unit", "verdict", "words")
+        lines = [row | {key: row[key] and f"{row[key]:.3f}" for key in numbers} for row in rows(check)]
+        print(text_table(lines, {key: key for key in ("what", *numbers, *others)}))
         print(f"{words(check)}\nreport: {out / 'report.html'}")
     if check.verdict != "inside":
         raise typer.Exit(FAILED)

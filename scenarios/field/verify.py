@@ -60,7 +60,15 @@ def verify(log_or_run: Path, spool: Spool) -> Check:
     Raises:
         BadInput: when the scan cannot be read or reconstructed.
     """
-    run = _measured(log_or_run)
+    return check_of(_measured(log_or_run), spool)
+
+
+def check_of(run: FoundRun, spool: Spool) -> Check:
+    """Hold a measurement of the spool against its certificate.
+
+    Raises:
+        BadInput: when too little bare wall was seen.
+    """
     laid = lay_over(_certified_places(spool), _measured_places(run), spool.inner_radius_mm)
     return Check(spool, run, laid, tuple(_rig_figures(run, spool)), tuple(_sizing_figures(run, spool, laid)))
 
