@@ -79,7 +79,7 @@ def verify(
         print(json.dumps(figures(check), indent=2))
     else:
         numbers, others = ("measured", "certified", "allowed"), ("unit", "verdict", "words")
-        lines = [row | {key: row[key] and f"{row[key]:.3f}" for key in numbers} for row in rows(check)]
+        lines = [row | {key: None if row[key] is None else f"{row[key]:.3f}" for key in numbers} for row in rows(check)]
         print(text_table(lines, {key: key for key in ("what", *numbers, *others)}))
         print(f"{words(check)}\nreport: {out / 'report.html'}")
     if check.verdict != "inside":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from math import isfinite
@@ -23,6 +24,10 @@ from sensor_model.rig import load_settings
 LARGEST_TABLE_BYTES = 200_000_000
 LARGEST_MAP_BYTES = 2_000_000_000
 MOST_FAULTS = 20
+LARGEST_RADIUS_MM = 1e5
+LARGEST_NUMBER = 1e12  # seconds since 1970 are below, whatever else is
+LEAST = dict.fromkeys(("length_mm", "width_mm", "depth_mm"), 1e-3)
+LEAST |= dict.fromkeys(("length_std_mm", "width_std_mm", "depth_std_mm", "seen_cells", "unseen_share"), 0.0)
 MAP_ARRAYS = ("theta_rad", "z_mm", "radius_mm", "spread_mm", "sigma_mm", "count", "wall_dev_mm")
 
 
@@ -132,6 +137,8 @@ def _read_map(file: Path) -> tuple[WallMap, np.ndarray]:
     for name, places in (("theta_rad", theta), ("z_mm", z)):
         if places.ndim != 1 or places.size < 2 or not (np.isfinite(places).all() and (np.diff(places) > 0).all()):
             raise BadInput([f"{file}: {name}: must be at least 2 finite numbers, each beyond the last"])
+    if np.nanmax(np.abs(held["radius_mm"]), initial=0.0) > LARGEST_RADIUS_MM:
+        raise BadInput([f"{file}: radius_mm: must be at most {LARGEST_RADIUS_MM:g}"])
     radius, spread, sigma, deviation = (
         held[name].astype(float) for name in ("radius_mm", "spread_mm", "sigma_mm", "wall_dev_mm")
     )
@@ -154,7 +161,7 @@ def read_arrays(file: Path, names: tuple[str, ...], most_bytes: int) -> dict[str
             if missing:
                 raise BadInput([f"{file}: {', '.join(missing)} missing; {', '.join(names)} are expected"])
             arrays = {name: held[name] for name in names}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise BadInput([f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}"]) from error
     for name, values in arrays.items():
         if values.dtype.kind not in "fiu":
@@ -203,6 +210,9 @@ def _rows(file: Path, columns: tuple[str, ...], make: Callable[[dict[str, str]],
         if missing:
             raise BadInput([f"{file}:1: {', '.join(missing)} missing; another version of pipetwin wrote it"])
         for row in table:
+            if len(row) != len(head):
+                faults.append(f"{file}:{table.line_num}: got {len(row)} cells; the head has {len(head)}")
+                continue
             try:
                 yield make(dict(zip(head, row, strict=True)))
             except ValueError as error:
@@ -223,13 +233,15 @@ def _number(word: str) -> float | None:
         value = float(word)
     except ValueError:
         return None
-    return value if isfinite(value) else None
+    return value if isfinite(value) and abs(value) <= LARGEST_NUMBER else None
 
 
 def _finite(row: dict[str, str], name: str) -> float:
     value = _number(row[name])
     if value is None:
         raise ValueError(f"{name}: got {shown(row[name])}; must be a finite number")
+    if value < LEAST.get(name, -LARGEST_NUMBER):
+        raise ValueError(f"{name}: got {shown(row[name])}; must be at least {LEAST[name]:g}")
     return value
 
 

@@ -20,6 +20,7 @@ FOOTER = (
     "Lengths in millimetres, clock positions in h:mm; places are the earlier scan's. A change is "
     "the later size less the earlier one, with its 95 % interval from what each scan states of itself."
 )
+WEAK = "This alignment is weak: check that the pairs below are the same defects."
 
 
 def write_match(before: Path, after: Path, out: Path) -> Matching:
@@ -63,10 +64,7 @@ def _page(found: Matching) -> str:
     sections = [
         Section(
             "How the scans lie over each other",
-            [
-                f"The later scan is moved by {laid.words}.",
-                "" if laid.sure else "This alignment is weak: check that the pairs below are the same defects.",
-            ][: 1 if laid.sure else 2],
+            [f"The later scan is moved by {laid.words}.", *([] if laid.sure else [WEAK])],
         ),
         Section("Change of depth", ["Where depth is a least one, no interval is stated."], (), _pictures(found)),
         Section(

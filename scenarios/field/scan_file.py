@@ -19,6 +19,7 @@ LONGEST_HEADER = 4_000
 CELL_Z_MM, CELLS_AROUND = 1.0, 360  # of a cloud of points
 LEAST_SEEN = 0.3  # of all cells
 UNEVEN_SHARE = 0.01  # of a cell's size
+FURTHEST_MM = 1e7
 SHADOW_MM = 25.0  # a longer gap along the pipe is no shadow
 LEVEL_MM = 0.5  # ends of a gap that differ by less are one surface
 LEAST_ROW = 0.25  # of a row's cells: fewer say nothing of its bore
@@ -126,8 +127,8 @@ def _read_ply(file: Path) -> tuple[float, float, np.ndarray]:
     xyz = _vertices(file)
     if not len(xyz):
         raise BadInput([f"{file}: has no vertex"])
-    if not np.isfinite(xyz).all():
-        raise BadInput([f"{file}: a vertex is not finite"])
+    if not (np.abs(xyz) <= FURTHEST_MM).all():
+        raise BadInput([f"{file}: a vertex is no number, or lies beyond {FURTHEST_MM:g} mm"])
     first = float(np.floor(xyz[:, 2].min() / CELL_Z_MM))
     along = int(np.floor(xyz[:, 2].max() / CELL_Z_MM) - first) + 1
     if along * CELLS_AROUND > MOST_CELLS:
@@ -158,7 +159,8 @@ def _vertices(file: Path) -> Float[np.ndarray, "n 3"]:
             rows = _text_rows(file, text, count, columns)
     if len(rows) != count:
         raise BadInput([f"{file}: {count} vertices are promised, {len(rows)} held"])
-    return np.column_stack([rows[axis].astype(float) for axis in "xyz"])
+    with np.errstate(invalid="ignore"):  # what is no number is refused below
+        return np.column_stack([rows[axis].astype(float) for axis in "xyz"])
 
 
 def _text_rows(file: Path, text: BinaryIO, count: int, columns: list[tuple[str, str]]) -> np.ndarray:

@@ -48,7 +48,7 @@ def runs_table(ledger: Ledger) -> Table:
     identity = ledger.about("identity")
     factors = {path: _factor_type(identity["factors"][path]) for path in identity["paths"]}
     kinds = get_type_hints(Score)
-    figures = {name: "int" if kinds[name] is int else "float" for name in identity["record"]}
+    figures = {name: "int" if kinds[name] in (int, int | None) else "float" for name in identity["record"]}
     first = dict(zip(FIRST, ("text", "int", "text", "text"), strict=True))  # a seed may pass what a double holds
     return {**first, **factors, **dict.fromkeys(LAST, "text"), **figures}, (
         _run_row(row, factors, len(figures)) for row in ledger.rows()

@@ -114,7 +114,7 @@ BAD = {
         "2 vertices are promised, 0",
     ),
     "flat.ply": (_ply(b"", PLAIN.format(1).replace("float z", "float w")), "x, y and z are needed"),
-    "nan.ply": (_ply(b"1 2 nan\n", PLAIN.format(1)), "not finite"),
+    "nan.ply": (_ply(b"1 2 nan\n", PLAIN.format(1)), "a vertex is no number"),
     "none.ply": (_ply(b"", PLAIN.format(0)), "has no vertex"),
     "long.ply": (_ply(b"76 0 0\n76 0 1e6\n", PLAIN.format(2)), "reaches over 1e.06 mm of z; at most 2777 mm"),
     "sparse.ply": (_ply(b"76 0 0\n76 0 50\n", PLAIN.format(2)), "% of its cells were seen; at least 30 %"),
