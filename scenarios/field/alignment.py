@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,8 +20,7 @@ ROUNDS = 5
 MOST_PROPOSERS = 30  # the largest places of each list propose and weigh
 
 
-@dataclass(frozen=True)
-class Places:
+class Places(NamedTuple):
     """Middles on the wall, and a size of each that helps to tell them apart; NaN twice: a joint, all around."""
 
     z_mm: Float[np.ndarray, "n"]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from algorithms.sizing.disposition import at_least
-from algorithms.types import Defect
+from algorithms.types import INWARD_RING, NO_LIGHT, THROUGH, Defect
 from scenarios.field.found_run import FoundRun, read_found
 from sensor_model.geometry import clock_position
 
@@ -69,7 +69,8 @@ def export_tally(run_folder: Path, out: Path) -> None:
 def tally(run: FoundRun) -> list[dict[str, Any]]:
     """The rows of the tally."""
     joints = joints_mm(run)
-    rows = [{"kind": "joint", "distance_mm": z} for z in joints] + [_defect_row(run, one) for one in run.defects]
+    others = [one for one in run.defects if one.feature_class != INWARD_RING]
+    rows = [{"kind": "joint", "distance_mm": z} for z in joints] + [_defect_row(run, one) for one in others]
     rows.sort(key=lambda row: row["distance_mm"])
     for number, row in enumerate(rows, start=1):
         upstream = int(np.searchsorted(joints, row["distance_mm"], side="right"))
@@ -80,8 +81,8 @@ def tally(run: FoundRun) -> list[dict[str, Any]]:
 
 
 def joints_mm(run: FoundRun) -> list[float]:
-    """Where the scan met joints: as written down where it was tied to one, or else where the camera was told of it."""
-    places = []
+    """Where the scan met joints: written down where it was tied to one, or rings that stand inward, as beads do."""
+    places = [one.distance_mm for one in run.defects if one.feature_class == INWARD_RING]
     for episode in run.episodes:
         if episode.kind == "joint":
             stated = STATED.fullmatch(episode.who)
@@ -115,7 +116,7 @@ def _defect_row(run: FoundRun, defect: Defect) -> dict[str, Any]:
 
 def intervals(defect: Defect) -> list[tuple[str, str, Interval]]:
     """Length, width, depth and wall loss with their 95 % intervals."""
-    loss_std = defect.depth_std_mm * defect.wall_loss_pct / defect.depth_mm
+    loss_std = defect.depth_std_mm * defect.wall_loss_pct / defect.depth_mm if defect.depth_mm else 0.0
     cut, shallow = defect.cut_by_scan_end, not defect.floor_seen
     return [
         ("length", "mm", _interval(defect.length_mm, defect.length_std_mm, cut)),
@@ -136,7 +137,11 @@ def remarks(defect: Defect) -> list[str]:
     said = []
     if defect.cut_by_scan_end:
         said.append("cut by the scan's end: the length is a least one")
-    if not defect.floor_seen:
+    if defect.inward:
+        said.append("stands inward: its depth is a height, and takes no wall")
+    if defect.feature_class == NO_LIGHT:
+        said.append("a dark place alone: nothing is known of its depth")
+    elif not defect.floor_seen and defect.feature_class != THROUGH:
         said.append("no light reached the floor: depth and wall loss are least ones")
     return said
 

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from algorithms.types import Defect
+from algorithms.types import INWARD_RING, Defect
 from scenarios.field.alignment import Laid, Places, lay_over
 from scenarios.field.export_tally import TWO_SIDED_95, box_cells, joints_mm, remarks
 from scenarios.field.found_run import FoundRun, read_found
@@ -76,6 +76,7 @@ def matched(before: FoundRun, after: FoundRun) -> Matching:
     """Pair the defects of two runs."""
     laid = lay_over(_places(before), _places(after), before.bore_radius_mm)
     pairs = [(i, k) for i, k in laid.pairs if i < len(before.defects) and k < len(after.defects)]
+    pairs = [(i, k) for i, k in pairs if before.defects[i].inward == after.defects[k].inward]
     rows = [_paired(before.defects[i], after.defects[k]) for i, k in pairs]
     rows += [
         _alone(after, one, laid.offset_mm, laid.turn_rad, False)
@@ -96,16 +97,20 @@ def _along_before(row: Matched, laid: Laid) -> float:
 
 
 def _places(run: FoundRun) -> Places:
-    """Defects, then joints."""
-    joints = np.array(joints_mm(run))
+    """Defects, then joints that are no ring among them."""
+    rings = [d.distance_mm for d in run.defects if d.feature_class == INWARD_RING]
+    joints = np.array([z for z in joints_mm(run) if z not in rings], dtype=float)
     nothing = np.full(joints.size, np.nan)
-    defects = run.defects
-    size = [(d.length_mm * d.width_mm * d.depth_mm) ** (1 / 3) for d in defects]
-    return Places(
-        np.concatenate([[d.distance_mm for d in defects], joints]),
-        np.concatenate([[d.theta_rad for d in defects], nothing]),
-        np.concatenate([size, nothing]),
-    )
+    found = places_of(run.defects)
+    return Places(*(np.concatenate(pair) for pair in zip(found, (joints, nothing, nothing), strict=True)))
+
+
+def places_of(defects: tuple[Defect, ...]) -> Places:
+    """Where defects are, and how large on the wall; a ring has no place around it."""
+    rows = [(d.distance_mm, d.theta_rad, (d.length_mm * d.width_mm) ** 0.5) for d in defects]
+    z, theta, size = np.array(rows, dtype=float).reshape(-1, 3).T
+    ring = np.array([d.feature_class == INWARD_RING for d in defects], dtype=bool)
+    return Places(z, np.where(ring, np.nan, theta), np.where(ring, np.nan, size))
 
 
 def _paired(before: Defect, after: Defect) -> Matched:

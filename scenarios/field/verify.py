@@ -10,12 +10,12 @@ import numpy as np
 from algorithms.method import Method
 from algorithms.reconstruct import ReconstructionFailed, reconstruct
 from algorithms.sizing.disposition import at_least
-from algorithms.types import Defect
+from algorithms.types import INWARD_RING, Defect
 from scenarios.document import BadInput
 from scenarios.field.alignment import Laid, Places, lay_over
 from scenarios.field.export_tally import TWO_SIDED_95, box_cells
 from scenarios.field.found_run import FoundRun, found_of, read_found
-from scenarios.field.match import SEEN_ENOUGH, SIZES
+from scenarios.field.match import SEEN_ENOUGH, SIZES, places_of
 from scenarios.field.spool import CertifiedDefect, Spool
 from sensor_model.recording import BadRecording, open_recording
 
@@ -69,7 +69,7 @@ def check_of(run: FoundRun, spool: Spool) -> Check:
     Raises:
         BadInput: when too little bare wall was seen.
     """
-    laid = lay_over(_certified_places(spool), _measured_places(run), spool.inner_radius_mm)
+    laid = lay_over(_certified_places(spool), places_of(run.defects), spool.inner_radius_mm)
     return Check(spool, run, laid, tuple(_rig_figures(run, spool)), tuple(_sizing_figures(run, spool, laid)))
 
 
@@ -89,19 +89,10 @@ def _measured(place: Path) -> FoundRun:
 
 def _certified_places(spool: Spool) -> Places:
     z, turn, size = zip(
-        *((d.distance_mm, d.clock_deg, (d.length_mm * d.width_mm * d.depth_mm) ** (1 / 3)) for d in spool.defects),
+        *((d.distance_mm, d.clock_deg, (d.length_mm * d.width_mm) ** 0.5) for d in spool.defects),
         strict=True,
     )
     return Places(np.array(z), np.radians(turn), np.array(size))
-
-
-def _measured_places(run: FoundRun) -> Places:
-    found = run.defects
-    return Places(
-        np.array([d.distance_mm for d in found], dtype=float),
-        np.array([d.theta_rad for d in found], dtype=float),
-        np.array([(d.length_mm * d.width_mm * d.depth_mm) ** (1 / 3) for d in found], dtype=float),
-    )
 
 
 # ---- the rig
@@ -164,7 +155,7 @@ def _sizing_figures(run: FoundRun, spool: Spool, laid: Laid) -> list[Figure]:
         else:
             figures.append(_missing(run, defect, laid))
     for k, found in enumerate(run.defects):
-        if k not in partner.values():
+        if k not in partner.values() and found.feature_class != INWARD_RING:  # a spool has joints
             where = f"at {found.distance_mm:.0f} mm, {np.degrees(found.theta_rad):.0f} degrees"
             words = f"{where}: called, and not in the certificate"
             figures.append(Figure("false call", found.depth_mm, None, None, "mm", "outside", words))

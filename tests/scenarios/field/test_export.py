@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from algorithms.types import INWARD, INWARD_RING, NO_LIGHT
 from scenarios.artefacts import write_defects
 from scenarios.cli import app
 from scenarios.document import BadInput
@@ -129,6 +130,21 @@ def test_what_is_cut_or_dark_has_an_open_end_and_says_so(run, tmp_path):
     assert row["remark"].startswith("cut by the scan's end: the length is a least one; no light reached the floor")
     assert (row["length_high_mm"], row["depth_high_mm"], row["wall_loss_high_pct"]) == ("", "", "")
     assert float(row["depth_low_mm"]) < one.depth_mm < 5.5
+
+
+def test_rings_are_joints_and_what_stands_inward_or_in_the_dark_is_told_so(run):
+    (one,) = run.defects
+    ring = replace(one, start_mm=220.0, length_mm=6.0, feature_class=INWARD_RING, disposition="", wall_loss_pct=0.0)
+    dent = replace(one, start_mm=240.0, length_mm=20.0, feature_class=INWARD, disposition="", wall_loss_pct=0.0)
+    dark = replace(one, start_mm=280.0, depth_mm=0.0, wall_loss_pct=0.0, floor_seen=False, feature_class=NO_LIGHT)
+    rows = tally(replace(run, defects=(one, ring, dent, dark)))
+    assert [(row["kind"], row["joint"]) for row in rows] == [
+        *(("joint", 1), ("defect", 1)),
+        *(("joint", 2), ("defect", 2), ("defect", 2)),
+    ]
+    assert rows[3]["from_upstream_joint_mm"] == "27.00"
+    assert rows[3]["remark"] == "stands inward: its depth is a height, and takes no wall"
+    assert (rows[4]["remark"], rows[4]["depth_high_mm"]) == ("a dark place alone: nothing is known of its depth", "")
 
 
 def test_the_command_says_what_it_cannot_do(found_folder, tmp_path):

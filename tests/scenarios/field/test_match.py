@@ -87,6 +87,17 @@ def test_a_least_size_has_no_interval_of_growth(pair):
     assert growth["length"].half_width_mm is not None
 
 
+def test_what_stands_inward_is_no_defect_s_partner_and_rings_lay_scans_over(pair):
+    before, after = map(read_found, pair)
+    dents = tuple(replace(one, feature_class="inward") for one in after.defects)
+    assert "paired" not in [row.fate for row in matched(before, replace(after, defects=dents)).rows]
+    ring = replace(before.defects[0], start_mm=200.0, length_mm=6.0, theta_rad=0.0, feature_class="inward ring")
+    rings = [replace(run, defects=(replace(ring, start_mm=z),)) for run, z in ((before, 200.0), (after, 230.0))]
+    found = matched(*rings)
+    assert [row.fate for row in found.rows] == ["paired"]
+    assert (found.laid.offset_mm, found.laid.sure) == (pytest.approx(-30), False)
+
+
 def test_the_command_leaves_a_page_and_tables(pair, tmp_path):
     out = tmp_path / "match"
     done = CliRunner().invoke(app, ["match", *map(str, pair), "-o", str(out)])
@@ -130,7 +141,7 @@ def test_an_alignment_is_recovered_among_strays(seed):
 def test_joints_alone_give_the_offset_and_weak_alignments_say_so():
     nothing = np.full(3, np.nan)
     joints = Places(np.array([100.0, 640.0, 1200.0]), nothing, nothing)
-    laid = lay_over(joints, replace(joints, z_mm=joints.z_mm - 30), RADIUS_MM)
+    laid = lay_over(joints, joints._replace(z_mm=joints.z_mm - 30), RADIUS_MM)
     assert (laid.offset_mm, laid.turn_rad, laid.sure) == (pytest.approx(30), 0.0, True)
     one = Places(np.array([100.0]), np.array([1.0]), np.array([10.0]))
     assert "one pair alone cannot be checked" in lay_over(one, one, RADIUS_MM).words
