@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -33,7 +34,9 @@ DEFECT_COLUMNS = (
     "volume_mm3",
     "feature_class",
     "disposition",
+    "seen_cells",
 )
+EPISODE_COLUMNS = ("kind", "who", "start_s", "end_s", "amount")
 
 
 def write_reconstruction(found: Reconstruction, folder: Path) -> None:
@@ -61,7 +64,7 @@ def write_episodes(episodes: tuple[Episode, ...], file: Path) -> None:
     """Slips, silences and ties to joints, a row each, in order of time."""
     with file.open("w", newline="") as out:
         rows = csv.writer(out)
-        rows.writerow(("kind", "who", "start_s", "end_s", "amount"))
+        rows.writerow(EPISODE_COLUMNS)
         for one in sorted(episodes, key=lambda one: (one.start_ns, one.who)):
             rows.writerow(
                 [one.kind, one.who, f"{one.start_ns / 1e9:.3f}", f"{one.end_ns / 1e9:.3f}", f"{one.amount:.2f}"]
@@ -102,6 +105,7 @@ def write_defects(defects: tuple[Defect, ...], file: Path) -> None:
                     f"{d.volume_mm3:.1f}",
                     d.feature_class,
                     d.disposition,
+                    d.seen_cells,
                 ]
             )
 
@@ -115,13 +119,19 @@ def write_cloud(wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], 
 def write_mesh(wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], file: Path) -> None:
     """The seen wall as triangles between neighbouring seen cells; what was not seen stays open."""
     seen = np.isfinite(deviation_mm)
-    number = (np.cumsum(seen.ravel(), dtype=np.int32) - 1).reshape(seen.shape)
-    counts = [len(_faces(number, seen, column)) for column in range(len(seen))]
+    count = sum(len(faces) for faces in mesh_faces(seen))
     with file.open("wb") as out:
-        face_header = [f"element face {sum(counts)}", "property list uchar int vertex_indices"]
+        face_header = [f"element face {count}", "property list uchar int vertex_indices"]
         _write_vertices(out, wall, deviation_mm, face_header)
-        for column in range(len(seen)):
-            out.write(_faces(number, seen, column).tobytes())
+        for faces in mesh_faces(seen):
+            out.write(faces.tobytes())
+
+
+def mesh_faces(seen: Bool[np.ndarray, "around along"]) -> Iterator[np.ndarray]:
+    """Triangles between seen cells as PLY records, a column around the wall at a time; cells count as they are seen."""
+    number = (np.cumsum(seen.ravel(), dtype=np.int32) - 1).reshape(seen.shape)
+    for column in range(len(seen)):
+        yield _faces(number, seen, column)
 
 
 def _faces(number: Int[np.ndarray, "around along"], seen: Bool[np.ndarray, "around along"], column: int) -> np.ndarray:
@@ -136,6 +146,11 @@ def _faces(number: Int[np.ndarray, "around along"], seen: Bool[np.ndarray, "arou
     face["corners"][: lower.sum()] = np.stack([here[:-1], next_[:-1], here[1:]], axis=1)[lower]
     face["corners"][lower.sum() :] = np.stack([next_[:-1], next_[1:], here[1:]], axis=1)[upper]
     return face
+
+
+def deepest_shown_mm(deviation_mm: np.ndarray) -> float:
+    """The deviation that gets the last colour."""
+    return max(float(np.nanpercentile(deviation_mm, 99.5)), 0.5) if np.isfinite(deviation_mm).any() else 1.0
 
 
 def _write_vertices(
@@ -153,7 +168,7 @@ def _write_vertices(
     header += [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
     header += ["property float wall_dev_mm", *face_header, "end_header"]
     out.write(("\n".join(header) + "\n").encode())
-    deepest = max(float(np.nanpercentile(deviation_mm, 99.5)), 0.5) if np.isfinite(deviation_mm).any() else 1.0
+    deepest = deepest_shown_mm(deviation_mm)
     for theta, radius, deviation in zip(wall.theta_rad, wall.radius_mm, deviation_mm, strict=True):
         seen = np.isfinite(deviation)
         vertex = np.zeros(seen.sum(), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3), ("wall_dev_mm", "<f4")])

@@ -25,6 +25,7 @@ from scenarios.document import (
     with_part,
     with_settings,
 )
+from scenarios.field.scan_file import with_scan
 from scenarios.scenario import Scenario
 from sensor_model.rig import AnySettings
 from twin.drives import AnyDrive
@@ -128,10 +129,13 @@ def to_scenario(document: Document) -> Scenario:
     Raises:
         BadInput: with a line for every fault.
     """
-    data, lines = _frozen(document.data), document.faults
+    data, missing = with_scan(_frozen(document.data), document.source)
+    lines = document.faults
     faults: list[Fault] = []
     if not isinstance(data, dict):
         raise BadInput([*lines, _line(document, Fault((), shown(data), "a scenario is a mapping of keys to values"))])
+    if missing is not None:
+        raise BadInput(fault_lines(document, [Fault(("pipe", "scanned", "file"), *missing)]))
     try:
         scenario = Scenario.model_validate(data, strict=True)
     except ValidationError:

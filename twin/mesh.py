@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
 from twin.pipe import Pipe
+from twin.scanned import SCANNED
 
 if TYPE_CHECKING:
     import trimesh
@@ -73,10 +74,10 @@ def feature_surface(pipe: Pipe, index: int) -> Surface:
     row = pipe.wall.rows[index]
     box = _patch_box(pipe, row, steps=2)
     theta_lines, z_lines = [], []
-    for other in pipe.wall.rows:
+    for other_index, other in enumerate(pipe.wall.rows):
         if not _touch(pipe, row, other):
             continue
-        theta, z = _feature_lines(pipe, other, DRAWN)
+        theta, z = _feature_lines(pipe, other_index, DRAWN)
         turn = 2 * np.pi * np.round((row[CENTER_THETA] - other[CENTER_THETA]) / (2 * np.pi))
         theta_lines.append(theta + turn)
         z_lines.append(z)
@@ -118,7 +119,7 @@ def solid(pipe: Pipe) -> trimesh.Trimesh:
     """
     import trimesh
 
-    lines = [_feature_lines(pipe, row, PRINTED) for row in pipe.wall.rows]
+    lines = [_feature_lines(pipe, index, PRINTED) for index in range(len(pipe.wall.rows))]
     theta_lines = [np.mod(theta, 2 * np.pi) for theta, _ in lines]
     theta = _merged(theta_lines, 0.0, 2 * np.pi, TURN_STEP_RAD, 0.1 / pipe.bore_radius_mm)[:-1]
     z = _merged([z for _, z in lines], pipe.start_mm, pipe.end_mm, 25.0, 0.1)
@@ -173,8 +174,12 @@ def _touch(pipe: Pipe, row: np.ndarray, other: np.ndarray) -> bool:
     return bool(apart_z < margin and abs(turn) * pipe.bore_radius_mm - row[HALF_BOX_ARC] - other[HALF_BOX_ARC] < margin)
 
 
-def _feature_lines(pipe: Pipe, row: np.ndarray, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
-    """Lines in theta and z over one feature's box, spaced so that chords stay within the error."""
+def _feature_lines(pipe: Pipe, index: int, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
+    """Lines in theta and z over one feature's box, spaced so that chords stay within the error; a scan's own cells."""
+    row, scan = pipe.wall.rows[index], pipe.scanned
+    if scan is not None and pipe.wall.codes[index] == SCANNED:
+        turn = (np.arange(scan.around) + 0.5) * 2 * np.pi / scan.around
+        return turn, scan.first_z_mm + scan.cell_z_mm * np.arange(scan.along)
     half_turn = min(row[HALF_BOX_ARC] / pipe.bore_radius_mm, np.pi)
     counts = [int(np.clip(2 * row[k] / 0.1, 40, 1000)) for k in (HALF_BOX_ARC, HALF_BOX_Z)]
     theta = row[CENTER_THETA] + np.linspace(-half_turn, half_turn, counts[0])

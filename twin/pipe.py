@@ -14,6 +14,7 @@ from sensor_model.settings import ClockDeg, Settings
 from twin.features import CODES, AnyFeature, feature_depth_mm
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z, ROW_LENGTH
 from twin.joints import DEBRIS, JOINT, TAPER, Debris, Joint, Taper, obstacle_depth_mm
+from twin.scanned import SCANNED, Scan, ScannedWall, scanned_depth_mm
 from twin.surfaces import Surface
 
 INCH_MM = 25.4
@@ -58,6 +59,7 @@ class Wall(NamedTuple):
     ovality_phase: float
     codes: np.ndarray
     rows: np.ndarray
+    scan: Scan | None
 
 
 class Pipe(Settings):
@@ -66,7 +68,8 @@ class Pipe(Settings):
     Its bore comes from a `standard` or from `inner_radius_mm` and `wall_thickness_mm`. A feature that takes the whole
     wall shows its opaque backing when `backed`, and is a hole that returns no light when not. `joints`, `debris`
     and `tapers` are part of the wall that wheels and light meet, but no defects of it; what is nominal is the bore
-    before all tapers. `surfaces` change the wheels' grip alone.
+    before all tapers. `surfaces` change the wheels' grip alone. With `scanned` the bore is as a scan has it, and what
+    else is stated is carved into that; of defects that the scan itself shows, nobody knows the true size.
     """
 
     standard: Standard | None = None
@@ -83,6 +86,7 @@ class Pipe(Settings):
     debris: tuple[Debris, ...] = Field(default=(), max_length=10_000)
     tapers: tuple[Taper, ...] = Field(default=(), max_length=20)
     surfaces: tuple[Surface, ...] = Field(default=(), max_length=10_000)
+    scanned: ScannedWall | None = None
 
     @model_validator(mode="after")
     def _bore_is_stated_once(self) -> Pipe:
@@ -91,6 +95,8 @@ class Pipe(Settings):
             raise ValueError("give either standard, or both inner_radius_mm and wall_thickness_mm")
         if self.end_mm <= self.start_mm:
             raise ValueError(f"end_mm must lie beyond start_mm, {self.start_mm}")
+        if self.scanned is not None and self.ovality_pct:
+            raise ValueError("give no ovality_pct with scanned, which has its own")
         return self
 
     @model_validator(mode="after")
@@ -110,7 +116,7 @@ class Pipe(Settings):
     def _is_open(self) -> Pipe:
         if self.wall.smallest_radius <= 0:
             raise ValueError(
-                f"dents, joints, debris and tapers leave no bore of {self.bore_radius_mm:g} mm radius open"
+                f"dents, joints, debris, tapers and scan leave no bore of {self.bore_radius_mm:g} mm radius open"
             )
         return self
 
@@ -145,20 +151,23 @@ class Pipe(Settings):
     def wall(self) -> Wall:
         """The pipe as `wall_radius_mm` and other compiled code read it."""
         changes = [taper.row(self.end_mm) for taper in self.tapers]
-        rows = np.array([part.row() for part in (*self.features, *self.joints, *self.debris)] + changes)
+        scans = [] if self.scanned is None else [self.scanned.row()]
+        rows = np.array([part.row() for part in (*self.features, *self.joints, *self.debris)] + changes + scans)
         of_features = [CODES[feature.kind] for feature in self.features]
         of_others = [JOINT] * len(self.joints) + [DEBRIS] * len(self.debris) + [TAPER] * len(self.tapers)
-        codes = np.array(of_features + of_others, dtype=np.int64)
+        codes = np.array(of_features + of_others + [SCANNED] * len(scans), dtype=np.int64)
         phase = float(np.radians(self.ovality_clock_deg))
         bore, ovality = self.bore_radius_mm, self.ovality_pct / 200
+        scan = None if self.scanned is None else self.scanned.scan(bore)
         bead = max((joint.bead_height_mm for joint in self.joints), default=0.0)
         lump = max((lump.height_mm for lump in self.debris), default=0.0)
         dents = _highest_mm([feature for feature in self.features if feature.inward])
         # as if all that narrows were in one place, and all that widens
         narrowed = bead + lump + dents - sum(min(taper.radius_change_mm, 0.0) for taper in self.tapers)
+        narrowed -= 0.0 if scan is None else min(float(scan.grid.min()), 0.0)
         widened = sum(max(taper.radius_change_mm, 0.0) for taper in self.tapers)
         smallest, outer = bore * (1 - ovality) - narrowed, self.outer_radius_mm + widened
-        return Wall(bore, smallest, outer, ovality, phase, codes, rows.reshape(-1, ROW_LENGTH))
+        return Wall(bore, smallest, outer, ovality, phase, codes, rows.reshape(-1, ROW_LENGTH), scan)
 
     def radius(self, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Float[np.ndarray, "*batch"]:
         """Distance from the axis to the wall: THE definition of this pipe, mm; arguments broadcast."""
@@ -189,7 +198,7 @@ def wall_radius_mm(wall, theta, z):
     bore = wall.inner_radius
     if wall.ovality != 0.0:
         bore *= 1.0 + wall.ovality * np.cos(2.0 * (theta - wall.ovality_phase))
-    depth, obstacle = 0.0, 0.0
+    depth, obstacle = 0.0, scanned_depth_mm(wall.scan, theta, z)
     for i in range(wall.codes.size):
         dz = z - wall.rows[i, CENTER_Z]
         if abs(dz) > wall.rows[i, HALF_BOX_Z]:

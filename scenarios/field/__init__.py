@@ -1,1 +1,1 @@
-"""Logs of robots in the field: the twin that is identified from one, and how near it comes."""
+"""The field side: logs of robots, the twin identified from one, and what inspectors and roboticists open of a run."""

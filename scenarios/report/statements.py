@@ -27,7 +27,9 @@ NEVER_SEEN_SHARE = 0.02  # a clock position seen along less of the scan than thi
 def verdict(run: Run) -> str:
     """The outcome in one line."""
     score = run.score
-    calls = "no false call" if score.false_calls == 0 else _count(score.false_calls, "false call")
+    calls = _calls(score.false_calls)
+    if run.truth.pipe.scanned is not None and score.defects_true == 0:
+        return f"The bore is a scan: {_count(len(run.found.defects), 'defect')} measured, none listed to judge by."
     if score.defects_true == 0:
         return f"The pipe has no defect; {calls}."
     found = f"{score.defects_found} of {_count(score.defects_true, 'defect')} found, {calls}."
@@ -38,6 +40,12 @@ def verdict(run: Run) -> str:
         for word in ("length", "width", "depth")
     ]
     return f"{found} Worst errors: {', '.join(worst)}."
+
+
+def _calls(number: int | None) -> str:
+    if number is None:
+        return "calls are not judged, for nobody listed what the scanned bore shows"
+    return "no false call" if number == 0 else _count(number, "false call")
 
 
 def _count(number: int, word: str) -> str:

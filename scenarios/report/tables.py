@@ -16,6 +16,7 @@ from scenarios.run import Run
 from scenarios.score import MEANINGS
 from sensor_model.geometry import clock_position
 
+LONGEST_SETTING = 200
 GROUPS = {
     "Defects found and sized (blind)": (
         "defects_true defects_found false_calls length_error_mm_max width_error_mm_max depth_error_mm_max "
@@ -215,4 +216,5 @@ def settings_table(run: Run) -> str:
 def _setting(value: object) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_setting, value)) + "]"
-    return "none" if value is None else str(value)
+    text = "none" if value is None else str(value)
+    return text if len(text) <= LONGEST_SETTING else f"{text[:40]}... ({len(text)} characters)"

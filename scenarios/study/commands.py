@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -146,10 +146,18 @@ def status(folder: StudyFolder, as_json: AsJson = False) -> None:
 
 
 def export(
-    folder: StudyFolder,
-    to: Annotated[Literal["csv", "parquet"], typer.Option("--to", help="Which kind of file.")] = "csv",
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a study or of a run.")],
+    to: Annotated[str, typer.Option("--to", help="A study: csv, parquet. A run: see docs/field-pages.md.")] = "csv",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="PLACE", help="Where a run goes.  [default: RUN/export/...]")
+    ] = None,
 ) -> None:
-    """Write a study's rows as `runs` and `defects` tables into its folder."""
+    """Write a study's rows as tables into its folder, or a run in a format that other tools open."""
+    if (folder / "reconstruction").is_dir():
+        from scenarios.field.export import export_run
+
+        print(export_run(folder, to, out))
+        return
     from scenarios.study.conduct import opened
     from scenarios.study.export import export as write
 

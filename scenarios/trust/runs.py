@@ -93,6 +93,8 @@ def read_scan(folder: Path) -> ScanOf:
     if not columns.size:
         raise BadInput([f"{folder}: nothing of the wall was scanned"])
     pipe = truth.pipe
+    if pipe.scanned is not None:
+        raise BadInput([f"{folder}: its bore is a scan, and nobody listed what that shows; it cannot be judged by it"])
     seen = tuple(_seen_share(wall, feature, pipe.bore_radius_mm) for feature in pipe.features)
     ends = float(columns[0]), float(columns[-1] + wall.cell_z_mm)
     return ScanOf(folder, pipe, ends, seen, _defects(folder / "reconstruction" / "defects.csv"))

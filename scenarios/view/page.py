@@ -16,7 +16,7 @@ from scenarios.view.drive import Playback
 from sensor_model.geometry import wall_direction
 from twin.pipe import Pipe
 
-PLAYER = Path(__file__).parent / "player.js"
+SCENE, PLAYER = (Path(__file__).parent / name for name in ("scene.js", "player.js"))
 SHADES = 16
 OUTLINE_POINTS = 24
 
@@ -33,17 +33,18 @@ def write_view(drive: Playback, file: Path) -> None:
         f'max="{drive.time_s.size - 1}" value="0" style="width:22rem"></label> <output id="now"></output> '
         '<label>Speed <select id="speed"><option>0.25</option><option selected>1</option><option>4</option>'
         "<option>16</option></select></label></p>"
-        "<p>Drag to turn, wheel to zoom. Wheels are red while they slip by more than 5 mm/s and hollow in the air.</p>"
+        "<p>Drag or arrow keys to turn, wheel or + and − to zoom. Wheels are red while they slip by more than 5 mm/s "
+        "and hollow in the air.</p>"
     )
     body = (
-        f'<section>{controls}<canvas id="scene" width="1200" height="620" style="width:100%" role="img" '
+        f'<section>{controls}<canvas id="scene" width="1200" height="620" style="width:100%" role="img" tabindex="0" '
         f'aria-label="The robot in the pipe"></canvas>{_legend(drive)}</section>'
         '<section><h2>Over time</h2><canvas id="series" width="1200" height="520" style="width:100%" role="img" '
         'aria-label="Roll, slip and contact force over time"></canvas></section>'
     )
     data = json.dumps(page_data(drive), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     body += f'<script type="application/json" id="drive">{data}</script>'
-    script = PLAYER.read_text(encoding="utf-8")
+    script = "".join(part.read_text(encoding="utf-8") for part in (SCENE, PLAYER))
     footer = "Made by pipetwin view. Lengths in mm, angles in degrees."
     file.write_text(page_html(f"{name}: the drive", head, body, footer, script=script), encoding="utf-8")
 
@@ -55,21 +56,21 @@ def page_data(drive: Playback) -> dict[str, Any]:
     shade = np.clip(drive.cloud_dev_mm / deepest, 0, 1) * (SHADES - 1)
     return {
         "time": np.round(drive.time_s, 4).tolist(),
-        "pose": _packed(drive.T_pipe_camera[:, :3].reshape(-1, 12), "<f4"),
-        "hubs": _packed(drive.hubs_mm, "<f4"),
-        "spin": _packed(drive.spin_rad, "<f4"),
-        "slip": _packed(drive.slip_mm_s, "<f4"),
-        "force": _packed(drive.force_n, "<f4"),
+        "pose": packed(drive.T_pipe_camera[:, :3].reshape(-1, 12), "<f4"),
+        "hubs": packed(drive.hubs_mm, "<f4"),
+        "spin": packed(drive.spin_rad, "<f4"),
+        "slip": packed(drive.slip_mm_s, "<f4"),
+        "force": packed(drive.force_n, "<f4"),
         "wheels": drive.hubs_mm.shape[1],
         "roll": np.round(drive.roll_deg, 3).tolist(),
         "apex": drive.apex_camera_mm.tolist(),
-        "rays": _packed(drive.rays_camera, "<f4"),
-        "light": _packed(np.nan_to_num(drive.light_mm * 10).clip(0, 65535).round(), "<u2"),
+        "rays": packed(drive.rays_camera, "<f4"),
+        "light": packed(np.nan_to_num(drive.light_mm * 10).clip(0, 65535).round(), "<u2"),
         "slits": list(drive.light_mm.shape[1:]),
-        "cloud": _packed(drive.cloud_mm.round(2), "<f4"),
-        "shade": _packed(shade.round(), "<u1"),
+        "cloud": packed(drive.cloud_mm.round(2), "<f4"),
+        "shade": packed(shade.round(), "<u1"),
         "deepest": round(deepest, 2),
-        "shades": _shades(),
+        "shades": shades(),
         "series": list(SERIES),
         "pipe": {
             "radius": pipe.bore_radius_mm,
@@ -90,16 +91,17 @@ def page_data(drive: Playback) -> dict[str, Any]:
     }
 
 
-def _packed(values: np.ndarray, kind: str) -> str:
+def packed(values: np.ndarray, kind: str) -> str:
+    """Numbers of a kind ("<f4", say) as text that a page's script unpacks."""
     return b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
 
 
-def _shades() -> list[str]:
+def shades(count: int = SHADES) -> list[str]:
     """Colours from no deviation to the deepest, as in the report's clouds."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    return [to_hex(colormaps["cividis"](k / (SHADES - 1))) for k in range(SHADES)]
+    return [to_hex(colormaps["cividis"](k / (count - 1))) for k in range(count)]
 
 
 def _outlines(pipe: Pipe) -> list[list[list[float]]]:

@@ -1,17 +1,13 @@
-"use strict";
-// Plays one drive. Pipe frame: x right, y down, z along the pipe, mm.
+// Plays one drive, after `scene.js`.
 const drive = JSON.parse(document.getElementById("drive").textContent);
-const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
-const floats = (text) => new Float32Array(bytes(text));
 const pose = floats(drive.pose), hubs = floats(drive.hubs), spin = floats(drive.spin);
 const slip = floats(drive.slip), force = floats(drive.force), rays = floats(drive.rays), cloud = floats(drive.cloud);
 const light = new Uint16Array(bytes(drive.light)), shade = new Uint8Array(bytes(drive.shade));
 const frames = drive.time.length, wheels = drive.wheels, [slits, azimuths] = drive.slits;
-const INK = "#222222", FAINT = "#b9c4cc", RED = "#d55e00", ORANGE = "#e69f00", BODY = "#56657a", SLIPPING_MM_S = 5;
+const SLIPPING_MM_S = 5;
 
-const scene = document.getElementById("scene"), series = document.getElementById("series");
-const ink = scene.getContext("2d"), plot = series.getContext("2d");
-let frame = 0, clock = 0, playing = false, yaw = 0.9, pitch = 0.35, zoom = 1.5, last = 0;
+const series = document.getElementById("series"), plot = series.getContext("2d");
+let frame = 0, clock = 0, playing = false, last = 0;
 
 // A point of the camera frame of this frame's pose, in the pipe frame.
 const placed = (p) => [0, 1, 2].map((r) => {
@@ -19,44 +15,9 @@ const placed = (p) => [0, 1, 2].map((r) => {
   return pose[k] * p[0] + pose[k + 1] * p[1] + pose[k + 2] * p[2] + pose[k + 3];
 });
 
-// Perspective from beside the robot; returns pixels and distance, or null behind the eye.
-function seen(p, middle) {
-  const [x, y, z] = [p[0] - middle[0], p[1] - middle[1], p[2] - middle[2]];
-  const right = Math.cos(yaw) * x + Math.sin(yaw) * z, away = -Math.sin(yaw) * x + Math.cos(yaw) * z;
-  const down = Math.cos(pitch) * y + Math.sin(pitch) * away, depth = -Math.sin(pitch) * y + Math.cos(pitch) * away + 900;
-  if (depth < 60) return null;
-  const scale = (900 * zoom) / depth;
-  return [scene.width / 2 + scale * right, scene.height / 2 + scale * down, depth];
-}
-
-function line(points, middle, color, width, closed) {
-  ink.strokeStyle = color;
-  ink.lineWidth = width;
-  ink.beginPath();
-  let drawn = false;
-  for (const p of closed ? [...points, points[0]] : points) {
-    const at = seen(p, middle);
-    if (at && drawn) ink.lineTo(at[0], at[1]);
-    else if (at) ink.moveTo(at[0], at[1]);
-    drawn = at !== null;
-  }
-  ink.stroke();
-}
-
-function drawPipe(middle) {
-  const { radius, start, end, outlines } = drive.pipe, around = 36;
-  const from = Math.max(start, middle[2] - 700), to = Math.min(end, middle[2] + 700);
-  const at = (k, z) => [radius * Math.sin((2 * Math.PI * k) / around), -radius * Math.cos((2 * Math.PI * k) / around), z];
-  for (let z = Math.ceil(from / 50) * 50; z <= to; z += 50)
-    line(Array.from({ length: around }, (_, k) => at(k, z)), middle, FAINT, z % 500 === 0 ? 1.5 : 0.5, true);
-  for (let k = 0; k < around; k += 3) line([at(k, from), at(k, to)], middle, FAINT, 0.5, false);
-  for (const outline of outlines)
-    if (outline[0][2] > from - 100 && outline[0][2] < to + 100) line(outline, middle, ORANGE, 2, true);
-}
-
 function drawCloud(middle) {
   for (let i = 0; i < shade.length; i += 1) {
-    if (Math.abs(cloud[3 * i + 2] - middle[2]) > 700) continue;
+    if (Math.abs(cloud[3 * i + 2] - middle[2]) > NEAR_MM) continue;
     const at = seen([cloud[3 * i], cloud[3 * i + 1], cloud[3 * i + 2]], middle);
     if (!at) continue;
     ink.fillStyle = drive.shades[shade[i]];
@@ -110,7 +71,7 @@ function drawWheel(middle, w) {
 function drawScene() {
   const r = drive.robot, middle = placed([0, 0, -r.ahead / 2]);
   ink.clearRect(0, 0, scene.width, scene.height);
-  drawPipe(middle);
+  drawPipe(middle, drive.pipe);
   drawCloud(middle);
   drawLight(middle);
   if (wheels) drawCylinder(middle, r.radius, -r.ahead - r.length / 2, -r.ahead + r.length / 2, BODY);
@@ -118,43 +79,9 @@ function drawScene() {
   for (let w = 0; w < wheels; w += 1) drawWheel(middle, w);
 }
 
-// One panel of the time series: title, axes with units, lines and the time that is shown above.
-function panel(top, height, title, lines) {
-  const left = 70, width = series.width - left - 130, end = drive.time[frames - 1];
-  let low = Infinity, high = -Infinity;
-  for (const { values } of lines) for (const v of values) [low, high] = [Math.min(low, v), Math.max(high, v)];
-  if (!(high - low > 0.2)) [low, high] = [low - 0.5, high + 0.5];
-  const x = (t) => left + (width * t) / end, y = (v) => top + height - 22 - ((height - 46) * (v - low)) / (high - low);
-  plot.fillStyle = INK;
-  plot.font = "bold 15px sans-serif";
-  plot.fillText(title, left, top + 14);
-  plot.font = "13px sans-serif";
-  plot.strokeStyle = "#dddddd";
-  plot.lineWidth = 1;
-  for (let n = 0; n <= 4; n += 1) {
-    const v = low + ((high - low) * n) / 4, t = (end * n) / 4;
-    plot.beginPath();
-    plot.moveTo(left, y(v));
-    plot.lineTo(left + width, y(v));
-    plot.stroke();
-    plot.fillText(v.toFixed(high - low > 20 ? 0 : 1), 8, y(v) + 4);
-    plot.fillText(`${t.toFixed(end < 60 ? 1 : 0)} s`, x(t) - 12, top + height - 4);
-  }
-  lines.forEach(({ name, values, color }, n) => {
-    plot.strokeStyle = plot.fillStyle = color;
-    plot.lineWidth = 1.5;
-    plot.beginPath();
-    values.forEach((v, i) => plot[i ? "lineTo" : "moveTo"](x(drive.time[i]), y(v)));
-    plot.stroke();
-    plot.fillText(name, left + width + 10, top + 34 + 18 * n);
-  });
-  plot.strokeStyle = INK;
-  plot.lineWidth = 1;
-  plot.beginPath();
-  plot.moveTo(x(drive.time[frame]), top + 20);
-  plot.lineTo(x(drive.time[frame]), top + height - 20);
-  plot.stroke();
-}
+const box = (top, height) => ({ left: 70, right: 130, top, width: series.width, height });
+const over = (top, height, title, lines) =>
+  panel(plot, box(top, height), title, { x: drive.time, unit: "s", now: drive.time[frame] }, lines);
 
 const column = (values, w) => Array.from({ length: frames }, (_, i) => values[i * wheels + w]);
 const legs = wheels ? Array.from({ length: drive.robot.legs }, (_, leg) => leg) : [];
@@ -162,10 +89,10 @@ const ofLegs = (values) => legs.map((leg) => ({ name: `leg ${leg}, front`, value
 
 function drawSeries() {
   plot.clearRect(0, 0, series.width, series.height);
-  panel(0, 170, "Roll (degrees)", [{ name: "roll", values: drive.roll, color: drive.series[0] }]);
+  over(0, 170, "Roll (degrees)", [{ name: "roll", values: drive.roll, color: drive.series[0] }]);
   if (!wheels) return;
-  panel(175, 170, "Slip of the wheels (mm/s)", ofLegs(slip));
-  panel(350, 170, "Contact force (N)", ofLegs(force));
+  over(175, 170, "Slip of the wheels (mm/s)", ofLegs(slip));
+  over(350, 170, "Contact force (N)", ofLegs(force));
 }
 
 function show(at) {
@@ -204,15 +131,5 @@ document.getElementById("at").addEventListener("input", (event) => {
   show(Number(event.target.value));
   clock = drive.time[frame];
 });
-scene.addEventListener("pointermove", (event) => {
-  if (!event.buttons) return;
-  yaw += event.movementX * 0.006;
-  pitch = Math.max(-1.4, Math.min(1.4, pitch + event.movementY * 0.006));
-  drawScene();
-});
-scene.addEventListener("wheel", (event) => {
-  event.preventDefault();
-  zoom = Math.max(0.3, Math.min(8, zoom * Math.exp(-event.deltaY * 0.001)));
-  drawScene();
-});
+turnable(drawScene);
 show(Math.floor(frames / 3));
