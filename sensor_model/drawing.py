@@ -44,7 +44,7 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
         ValueError: when the camera or the projector's apex lies outside the bore.
         RuntimeError: when no GL can be had.
     """
-    check_inside(pipe, T_pipe_camera, rig)
+    check_inside(pipe, T_pipe_camera, rig, optics.glass)
     return _studio().draw(pipe, T_pipe_camera, rig, optics)
 
 
