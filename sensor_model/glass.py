@@ -6,13 +6,16 @@ from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from numba import njit
 from pydantic import Field, model_validator
 
 from sensor_model.geometry import cone_frame
-from sensor_model.rig import Projector
+from sensor_model.rig import Rig
 from sensor_model.settings import Settings
+from twin.pipe import Pipe
 
+ORIGIN = (0.0, 0.0, 0.0)  # of the camera frame: where the camera is
 ALONG_AXIS = 1e-10  # square of the share across the tube's axis below which light is taken to miss the glass
 TOWARDS_STEPS = 5  # each takes the miss below a tenth of what it was
 INSIDE_MM = 0.5
@@ -37,20 +40,6 @@ class Glass(Settings):
         if self.thickness_mm > 0 and not np.hypot(*self.offset_mm) < self.inner_radius_mm - INSIDE_MM:
             raise ValueError(f"offset_mm must keep the camera inside inner_radius_mm, {self.inner_radius_mm:g}")
         return self
-
-
-def check_glass(glass: Glass, projector: Projector) -> None:
-    """See that the projector is in the tube.
-
-    Raises:
-        ValueError: when its apex is not.
-    """
-    tube = tube_of(glass)
-    x, y, _ = np.array(tube.axes) @ (np.array(projector.apex_mm) - tube.center)
-    if np.hypot(x, y) > glass.inner_radius_mm - INSIDE_MM:
-        raise ValueError(
-            f"the projector is {np.hypot(x, y):.1f} mm off the glass tube's axis, outside its {glass.inner_radius_mm:g} mm"
-        )
 
 
 class Tube(NamedTuple):
@@ -79,6 +68,27 @@ def tube_of(glass: Glass) -> Tube:
         glass.ghost if glass.thickness_mm > 0 else 0.0,
         glass.thickness_mm > 0,
     )
+
+
+def check_inside(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, glass: Glass) -> None:
+    """See that camera and projector are in the pipe, and in the glass tube if there is one.
+
+    Raises:
+        ValueError: when the camera or the projector's apex lies outside the bore or the tube.
+    """
+    apex = (T_pipe_camera @ rig.projector.T_camera_projector)[:3, 3]
+    for name, place in (("camera", T_pipe_camera[:3, 3]), ("projector", apex)):
+        offset = np.hypot(place[0], place[1])
+        if not offset < pipe.wall.smallest_radius:
+            raise ValueError(
+                f"the {name} is {offset:.1f} mm off the axis, outside the bore of {pipe.bore_radius_mm:.1f} mm"
+            )
+    x, y, _ = np.array(tube_of(glass).axes) @ (np.array(rig.projector.apex_mm) - tube_of(glass).center)
+    off = np.hypot(x, y)
+    if glass.thickness_mm > 0 and off > glass.inner_radius_mm - INSIDE_MM:
+        raise ValueError(
+            f"the projector is {off:.1f} mm off the glass tube's axis, outside {glass.inner_radius_mm:g} mm"
+        )
 
 
 @njit(cache=True, error_model="numpy")
@@ -111,6 +121,17 @@ def towards(tube, origin, point):
         aim = _unit(aim[0] + want[0] - onward[0], aim[1] + want[1] - onward[1], aim[2] + want[2] - onward[2])
         place, onward, passed = _traced(tube, o, aim)
     return _from_tube(tube, aim, False), _from_tube(tube, place, True), passed
+
+
+@njit(cache=True, error_model="numpy")
+def beyond(tube, origin, rays):
+    """Of (n, 3) rays from inside: where each leaves the glass, and which way it goes on."""
+    starts, onward = np.empty_like(rays), np.empty_like(rays)
+    for i in range(rays.shape[0]):
+        start, direction, _ = through(tube, origin, (rays[i, 0], rays[i, 1], rays[i, 2]))
+        starts[i, 0], starts[i, 1], starts[i, 2] = start
+        onward[i, 0], onward[i, 1], onward[i, 2] = direction
+    return starts, onward
 
 
 @njit(cache=True, error_model="numpy")

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from numba import njit
 
 from sensor_model.geometry import fisheye_rays
-from sensor_model.glass import Glass, Tube, check_glass, tube_of
+from sensor_model.glass import Tube, check_inside, tube_of
 from sensor_model.optics import Optics, light
 from sensor_model.rig import Camera, Rig
 from sensor_model.spot import View, aim, ghost_to, in_housing, light_spot, path_to, rows_of, sight_along, turned
@@ -44,23 +44,6 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     picture = np.zeros(rays.shape, dtype=np.float32)
     _draw(wall, view, light(rig.projector, optics), rays, picture)
     return picture
-
-
-def check_inside(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, glass: Glass) -> None:
-    """See that camera and projector are in the pipe, and in the glass tube if there is one.
-
-    Raises:
-        ValueError: when the camera or the projector's apex lies outside the bore or the tube.
-    """
-    apex = (T_pipe_camera @ rig.projector.T_camera_projector)[:3, 3]
-    for name, place in (("camera", T_pipe_camera[:3, 3]), ("projector", apex)):
-        offset = np.hypot(place[0], place[1])
-        if not offset < pipe.wall.smallest_radius:
-            raise ValueError(
-                f"the {name} is {offset:.1f} mm off the axis, outside the bore of {pipe.bore_radius_mm:.1f} mm"
-            )
-    if glass.thickness_mm > 0:
-        check_glass(glass, rig.projector)
 
 
 @lru_cache(maxsize=2)

@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sensor_model.glass import Tube, mirrored, seems_at, through, towards
+from sensor_model.glass import ORIGIN, Tube, mirrored, seems_at, through, towards
 from sensor_model.optics import REFERENCE_RANGE_MM
 from sensor_model.wall_rays import wrapped
 
-ORIGIN = (0.0, 0.0, 0.0)
 BOX_PER_SIGMA = 3.4641016151377544  # width of a box with a standard deviation of one
 GRAZING = 0.05  # cosine below which a surface is taken to be seen no flatter
 Triple = tuple[float, ...]
@@ -35,7 +34,7 @@ class View(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """A pixel's ray in the pipe frame from where it is straight on: its start, direction, mm before; share that passes."""
+    """A pixel's ray in the pipe frame from where it goes straight: start, direction, mm before, share that passes."""
 
     start: Triple
     direction: Triple
