@@ -104,7 +104,7 @@ def _ray_change(view, rays, row_a, col_a, row_b, col_b):
     return turned(view.R_pipe_camera, x, y, z)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _hit(wall, view, beam, sight):
     """Range to the first crossing of the wall, mm; -1 where no light can come from."""
     eye, direction = sight.start, sight.direction
@@ -125,7 +125,7 @@ def _hit(wall, view, beam, sight):
     return range_mm
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _half_angle_tangent(view, point):
     axis = view.R_projector_pipe[2]
     x, y, z = point[0] - view.apex[0], point[1] - view.apex[1], point[2] - view.apex[2]

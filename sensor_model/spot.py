@@ -74,7 +74,7 @@ def rows_of(matrix: np.ndarray) -> Rows:
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def sight_along(view, direction):
     """The sight of a pixel whose ray leaves the camera in a direction of the pipe frame."""
     if not view.tube.is_there:
@@ -84,7 +84,7 @@ def sight_along(view, direction):
     return Sight(_placed(view, start), _onward(view, onward), before_mm, passed)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def path_to(view, point):
     """The light's way from the projector to a place."""
     if not view.tube.is_there:
@@ -101,13 +101,15 @@ def ghost_to(view, point):
     return Path(_placed(view, aimed), _placed(view, source), passed, -1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def light_spot(rgb, beam, spot):
     """Add the light that a pixel's piece of a surface throws back."""
     tangent, footprint, level = spot.tangent, spot.footprint, spot.level
     if beam.jag_rad > 0:
         tangent += _jag(beam, tangent, spot.azimuth) * (1 + tangent * tangent)
-    spread = np.hypot(footprint, BOX_PER_SIGMA * beam.translucency_mm * spot.per_mm)
+    spread = 0.0
+    if beam.translucency > 0:
+        spread = np.hypot(footprint, BOX_PER_SIGMA * beam.translucency_mm * spot.per_mm)
     for band in range(len(beam.lit_from)):
         share = _of_band(beam, band, tangent, footprint, level)
         if beam.translucency > 0:
@@ -144,7 +146,7 @@ def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def aim(view, beam, path, sight, range_mm, right, down, point, normal):
     """Where a pixel's piece of a surface lies on the slide, and its light."""
     apex, direction = view.apex, sight.direction
@@ -206,7 +208,7 @@ def _mirrored_share(beam, came, direction, normal):
     return facets * spread / max(-dot(normal, direction), GRAZING)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _strut(beam, azimuth):
     if beam.strut_half_width_rad == 0.0:
         return 1.0
@@ -214,7 +216,7 @@ def _strut(beam, azimuth):
     return min(max(beyond / max(beam.strut_softness_rad, 1e-6) + 0.5, 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def in_housing(view, beam, point):
     """Whether the light to a point crosses the camera's own plane within the housing."""
     R = view.R_pipe_camera
