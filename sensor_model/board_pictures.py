@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
+from sensor_model.camera_rays import camera_rays
 from sensor_model.geometry import inverse
 from sensor_model.glass import tube_of
 from sensor_model.optics import Optics, light
-from sensor_model.raycast import camera_rays
 from sensor_model.rig import Rig
 from sensor_model.spot import View, aim, dimmed, dot, in_housing, light_spot, path_to, rows_of, sight_along
 from sensor_model.wall_rays import point_at

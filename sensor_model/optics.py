@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
+from sensor_model.daylight import Daylight
+from sensor_model.dirt import Dirt
 from sensor_model.glass import Glass
+from sensor_model.processing import Processing
 from sensor_model.rig import Projector, load_settings
 from sensor_model.settings import Settings
 
@@ -18,6 +21,7 @@ Channels = tuple[Share, Share, Share]
 NonNegative = Annotated[float, Field(ge=0)]
 
 LOOKS = Path(__file__).parent / "looks"
+WALLS = Path(__file__).parent / "walls"
 REFERENCE_RANGE_MM = 130.0  # fall-off with distance is 1 here
 
 
@@ -34,11 +38,14 @@ class WallFinish(Settings):
     """How far beside (standard deviation)."""
 
 
-class Lamp(Settings):
-    """The projector's light source against other light."""
+AnyWall = Annotated[WallFinish, BeforeValidator(lambda wall: wall, json_schema_input_type=str | WallFinish)]
 
-    level: NonNegative = 1.0
-    """Of the projector's light; 1 is as measured."""
+
+class NamedWall(Settings):
+    """A wall as its file states it."""
+
+    wall_reflectance: Channels
+    wall: WallFinish
 
 
 class Optics(Settings):
@@ -62,10 +69,12 @@ class Optics(Settings):
     """How many such shifts there are around the slide; between them an edge goes straight."""
 
     glass: Glass = Glass()
-    wall: WallFinish = WallFinish()
+    wall: AnyWall = WallFinish()
     """Or the name of a wall, which sets `wall_reflectance` too."""
-    lamp: Lamp = Lamp()
-
+    lamp_level: NonNegative = 1.0
+    """Of the projector's light, against that of other sources and the camera's noise."""
+    daylight: Daylight = Daylight()
+    dirt: Dirt = Dirt()
     inter_reflection: NonNegative = 0.15
     """Light that reaches the wall by way of the wall; 1 is a matt cylinder with the wall's own reflectance."""
     haze: Share = 0.06
@@ -84,6 +93,13 @@ class Optics(Settings):
     """Tone curve: stored value = light to the power of 1 / gamma."""
     lost_bits: Annotated[int, Field(ge=0, le=6)] = 0
     """Bits of quantisation lost beyond the eight of the file."""
+    processing: Processing = Processing()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_wall(cls, data: Any) -> Any:
+        named = isinstance(data, dict) and isinstance(data.get("wall"), str)
+        return {**data, **_wall(data["wall"])} if named else data
 
     @classmethod
     def ideal(cls) -> Optics:
@@ -111,6 +127,20 @@ def look(name: str = "endoscope") -> Optics:
     if name not in known:
         raise ValueError(f"no look is called {name!r}; there are {', '.join(known)}")
     return load_settings(Optics, known[name])
+
+
+@cache
+def _wall(name: str) -> dict[str, Any]:
+    """What a named wall states of the optics.
+
+    Raises:
+        ValueError: for another name.
+    """
+    known = {path.stem: path for path in sorted(WALLS.glob("*.yaml"))}
+    if name not in known:
+        raise ValueError(f"no wall is called {name!r}; there are {', '.join(known)}")
+    stated = load_settings(NamedWall, known[name])
+    return {"wall_reflectance": stated.wall_reflectance, "wall": stated.wall}
 
 
 def _by_name(value: Any) -> Any:
@@ -150,7 +180,7 @@ def light(projector: Projector, optics: Optics) -> Light:
     slits = projector.slit_half_angles_rad
     inner, outer = np.radians([projector.inner_half_angle_deg, projector.outer_half_angle_deg])
     by_letter = {"R": optics.red_light, "Y": optics.yellow_light, "B": optics.blue_light}
-    lights = np.array([by_letter[letter] for letter in projector.band_colors]) * optics.lamp.level
+    lights = np.array([by_letter[letter] for letter in projector.band_colors]) * optics.lamp_level
     wall = optics.wall
     return Light(
         tuple(np.tan([inner, *(slits + half_slit)]).tolist()),

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from sensor_model.geometry import fisheye_rays
+from sensor_model.camera_rays import camera_rays
 from sensor_model.glass import Tube, check_inside, tube_of
 from sensor_model.optics import Optics, light
-from sensor_model.rig import Camera, Rig
+from sensor_model.rig import Rig
 from sensor_model.spot import View, aim, ghost_to, in_housing, light_spot, path_to, rows_of, sight_along, turned
 from sensor_model.wall_rays import (
     inward_normal,
@@ -44,13 +42,6 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     picture = np.zeros(rays.shape, dtype=np.float32)
     _draw(wall, view, light(rig.projector, optics), rays, picture)
     return picture
-
-
-@lru_cache(maxsize=2)
-def camera_rays(camera: Camera) -> Float[np.ndarray, "h w 3"]:
-    """Unit ray of every pixel in the camera frame, float32."""
-    v, u = np.mgrid[: camera.height_px, : camera.width_px].astype(float)
-    return fisheye_rays(np.stack([u, v], axis=-1), camera.intrinsics).astype(np.float32)
 
 
 def _view(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, tube: Tube) -> View:
