@@ -425,7 +425,7 @@ def _glass_uniforms(glass: Glass, T_camera_projector: np.ndarray) -> dict[str, A
     return {
         "tube_camera": T_tube_camera,
         "tube_projector": T_tube_camera @ T_camera_projector,
-        "tube": np.array([tube.inner, tube.outer, tube.index, tube.ghost]),
+        "tube": np.array([tube.inner, tube.outer, tube.refraction, tube.ghost]),
     }
 
 

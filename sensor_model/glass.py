@@ -49,7 +49,7 @@ class Tube(NamedTuple):
     center: tuple[float, ...]  # a place of its axis, camera frame
     inner: float
     outer: float
-    index: float
+    refraction: float
     ghost: float
     is_there: bool
 
@@ -165,7 +165,7 @@ def mirrored(tube, origin, point):
     across, along = np.sqrt((x - o[0]) ** 2 + (y - o[1]) ** 2), p[2] - o[2]
     cosine = across / np.sqrt(across * across + along * along)
     whence = (p[0] - across * p[0] / rho, p[1] - across * p[1] / rho, o[2])
-    once = _reflected(cosine, 1.0 / tube.index)
+    once = _reflected(cosine, 1.0 / tube.refraction)
     both = 2.0 * once / (1.0 + once)  # of both surfaces, to and fro within the glass
     seems = _from_tube(tube, (x, y, p[2]), True)
     return seems, _from_tube(tube, whence, True), tube.ghost * both * (1.0 - both)
@@ -177,9 +177,9 @@ def _traced(tube, origin, direction):
     if direction[0] ** 2 + direction[1] ** 2 < ALONG_AXIS:
         return origin, direction, 0.0
     first = _leave(origin, direction, tube.inner)
-    inside, passed_in = _bent(direction, first[0] / tube.inner, first[1] / tube.inner, 1.0 / tube.index)
+    inside, passed_in = _bent(direction, first[0] / tube.inner, first[1] / tube.inner, 1.0 / tube.refraction)
     last = _leave(first, inside, tube.outer)
-    onward, passed_out = _bent(inside, last[0] / tube.outer, last[1] / tube.outer, tube.index)
+    onward, passed_out = _bent(inside, last[0] / tube.outer, last[1] / tube.outer, tube.refraction)
     return last, onward, passed_in * passed_out
 
 

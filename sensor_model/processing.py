@@ -39,7 +39,7 @@ def processed(picture: UInt8[np.ndarray, "h w 3"], how: Processing) -> UInt8[np.
         picture = cv2.addWeighted(picture, 1 + how.sharpen, soft, -how.sharpen, 0)
     if how.jpeg_quality > 0:
         coded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, how.jpeg_quality])[1]
-        picture = np.ascontiguousarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)[..., ::-1])
+        picture = np.ascontiguousarray(np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR))[..., ::-1])
     return picture
 
 
