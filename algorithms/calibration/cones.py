@@ -110,7 +110,7 @@ def _apex_terms(x: Float[np.ndarray, "terms"], slits: int) -> Int[np.ndarray, "s
 def _from_apex(x, xyz, slit, R):
     """Along the axis, across it, and the unit vector across, of the line from the apex to each point."""
     axis = _axis(x, R)
-    line = xyz - x[_apex_terms(x, slit[-1] + 1)[slit]]
+    line = xyz - x[_apex_terms(x, int(slit[-1]) + 1)[slit]]
     along = line @ axis
     outward = line - along[:, None] * axis
     across = np.linalg.norm(outward, axis=1)
@@ -130,7 +130,7 @@ def _jacobian(x, xyz, slit, R):
     alpha = x[FIRST_ANGLE + slit]
     sine, cosine = np.sin(alpha), np.cos(alpha)
     J = np.zeros((len(xyz), x.size))
-    terms = _apex_terms(x, slit[-1] + 1)[slit]
+    terms = _apex_terms(x, int(slit[-1]) + 1)[slit]
     np.put_along_axis(J, terms, sine[:, None] * _axis(x, R) - cosine[:, None] * outward, axis=1)
     # the axis turns towards the point: it comes nearer to the axis, and further along it
     turned = -(cosine * along + sine * across)[:, None] * outward
