@@ -120,8 +120,8 @@ def row_of(case: Case, fidelity: str) -> str:
     return (
         f"| {case.name} | {found['decode_yield']:.3f} | {100 * found['wrong_words']:.2f} | "
         f"{'found' if found['defects_found'] else 'missed'}{more(found['false_calls'])} | "
-        f"{signed(found['depth_bias_mm'])} | {signed(found['length_error_mm_max'])} | {bias:+.3f} | "
-        f"{found['map_rms_mm']:.3f} |"
+        f"{signed(found['depth_bias_mm'])} | {signed(found['length_error_mm_max'])} | {signed(bias)} | "
+        f"{signed(found['map_rms_mm']).lstrip('+')} |"
     )
 
 
@@ -135,13 +135,14 @@ def signed(value: float | None) -> str:
     return "-" if value is None else f"{value:+.3f}"
 
 
-def radius_bias_mm(scenario: Scenario, wall: WallMap) -> float:
-    """How far the map of the bare wall lies off its radius, on average."""
+def radius_bias_mm(scenario: Scenario, wall: WallMap) -> float | None:
+    """How far the map of the bare wall lies off its radius, on average; None for no map."""
     radius, theta, z = wall.radius_mm, wall.theta_rad, wall.z_mm
     (pocket,) = scenario.pipe.features
     turn = np.abs(np.mod(theta - np.radians(pocket.clock_deg) + np.pi, 2 * np.pi) - np.pi)
     beside = (turn[:, None] > BESIDE_RAD) | (np.abs(z - pocket.distance_mm) > pocket.length_mm / 2 + BESIDE_MM)[None, :]
-    return float(np.nanmean(radius[beside]) - scenario.pipe.bore_radius_mm)
+    seen = radius[beside][np.isfinite(radius[beside])]
+    return float(seen.mean() - scenario.pipe.bore_radius_mm) if seen.size else None
 
 
 def tile(case: Case, fidelity: str) -> np.ndarray:
