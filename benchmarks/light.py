@@ -37,6 +37,7 @@ SCAN = (
 )
 TUBE = "sensing.optics.glass={thickness_mm: 1.5}"
 LEANING = "sensing.optics.glass={thickness_mm: 1.5, offset_mm: [0.5, 0], tilt_deg: [0.5, 0]}"
+SLANTED = "sensing.optics.glass={thickness_mm: 1.5, offset_mm: [0.5, -0.3], tilt_deg: [0.5, 0.3]}"
 FAR_OFF = "drive.offset_mm=[14, -10]"
 SEEN_FROM_MM = 62.0
 CROP, TILE_PX, COLUMNS = (slice(480, 880), slice(780, 1180)), 176, 7
@@ -185,7 +186,7 @@ def glass_table() -> str:
     exact = PointNoise(pixel_noise_px=0, drop_out_share=0)
     lines = ["| tube | calibrated | radius mm | " + " | ".join(slit.name for slit in rig.projector.slits) + " |"]
     lines.append("| --- | --- | --- |" + " --- |" * len(rig.projector.slits))
-    for tube, change in (("straight", TUBE), ("0.5 mm off, 0.5 deg tilted", LEANING)):
+    for tube, change in (("straight", TUBE), ("0.6 mm off, 0.6 deg tilted", SLANTED)):
         glass = load_scenario("paper-gantry", [change]).sensing.optics.glass
         seen = see_slits(pipe, np.eye(4), rig, exact, np.random.default_rng(0), glass)
         for name, session in SESSIONS.items():
