@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from functools import lru_cache
+
 import numpy as np
 from numba import njit
 
 from algorithms.types import RingPoints
 from sensor_model.geometry import jag_rad, lens_of, projector_azimuth_rad, rays_and_angles
 from sensor_model.recording import SlitPixels
-from sensor_model.rig import Rig
+from sensor_model.rig import Projector, Rig
 
 NEAREST_PX = 1.0  # nearer to the picture's centre, outward is no direction
 
@@ -19,6 +22,8 @@ def triangulate(seen: SlitPixels, rig: Rig) -> RingPoints:
     The standard deviation comes from the movement of the point as the pixel moves across the slit: it slides along
     the light ray.
     """
+    if any(slit.apex_mm for slit in rig.projector.slits):
+        return _slit_by_slit(seen, rig)
     projector, intrinsics = rig.projector, rig.camera.intrinsics
     axis = tuple(projector.T_camera_projector[:3, 2].tolist())
     rays, angles = rays_and_angles(seen.pixel, intrinsics)
@@ -31,6 +36,21 @@ def triangulate(seen: SlitPixels, rig: Rig) -> RingPoints:
         jagged_rad = half_rad[seen.slit] + jag_rad(projector.jag_table_rad, seen.slit, azimuth_rad)
         ends = _on_cones(seen.pixel, np.cos(jagged_rad) ** 2, rays, angles, intrinsics, projector.apex_mm, axis)
     return RingPoints(*_points(seen.pixel, seen.slit, seen.sigma_px, rays, ends, projector.apex_mm))
+
+
+def _slit_by_slit(seen: SlitPixels, rig: Rig) -> RingPoints:
+    """`triangulate` where slits have apexes of their own; what was sorted by slit stays so."""
+    parts = []
+    for slit, projector in enumerate(_apart(rig.projector)):
+        mine = seen.slit == slit
+        one = SlitPixels(seen.pixel[mine], seen.slit[mine], seen.sigma_px[mine])
+        parts.append(triangulate(one, rig.model_copy(update={"projector": projector})))
+    return RingPoints(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(RingPoints)))
+
+
+@lru_cache(maxsize=4)
+def _apart(projector: Projector) -> tuple[Projector, ...]:
+    return tuple(projector.of_slit(slit) for slit in range(len(projector.slits)))
 
 
 @njit(cache=True, error_model="numpy")

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
 
 from algorithms.method import Method
 from scenarios.bench.calibrated import BoardSession, calibrate
+from sensor_model.glass import Glass
 from sensor_model.recording import NominalPipe
 from sensor_model.rig import Rig, preset_rig
 from sensor_model.sense import Sensing
@@ -85,12 +86,13 @@ def nominal_rig(scenario: Scenario) -> Rig:
     """
     if scenario.calibration is None:
         return scenario.rig
-    return _calibrated(scenario.true_rig or scenario.rig, scenario.seed, scenario.calibration)
+    glass = scenario.sensing.optics.glass
+    return _calibrated(scenario.true_rig or scenario.rig, scenario.seed, scenario.calibration, glass)
 
 
 @lru_cache(maxsize=8)
-def _calibrated(true_rig: Rig, seed: int, session: BoardSession) -> Rig:
-    return calibrate(true_rig, seed, session).rig
+def _calibrated(true_rig: Rig, seed: int, session: BoardSession, glass: Glass) -> Rig:
+    return calibrate(true_rig, seed, session, glass).rig
 
 
 def nominal_pipe(scenario: Scenario) -> NominalPipe:

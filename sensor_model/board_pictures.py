@@ -9,10 +9,13 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
+from sensor_model.camera_rays import camera_rays
 from sensor_model.geometry import inverse
+from sensor_model.glass import tube_of
 from sensor_model.optics import Optics, light
-from sensor_model.raycast import View, aim, camera_rays, dot, in_housing, light_spot
 from sensor_model.rig import Rig
+from sensor_model.spot import View, aim, dimmed, dot, in_housing, light_spot, path_to, rows_of, sight_along
+from sensor_model.wall_rays import point_at
 
 TEXEL_MM = 0.25
 SUBSAMPLES = 4  # to a side of each pixel
@@ -91,7 +94,14 @@ def draw_board(
     rays = camera_rays(rig.camera)
     T_projector_camera = inverse(rig.projector.T_camera_projector)
     view = View(
-        _rows(np.eye(3)), (0.0, 0.0, 0.0), rig.projector.apex_mm, _rows(T_projector_camera[:3, :3]), -1e9, 1e9, True
+        rows_of(np.eye(3)),
+        (0.0, 0.0, 0.0),
+        rig.projector.apex_mm,
+        rows_of(T_projector_camera[:3, :3]),
+        -1e9,
+        1e9,
+        True,
+        tube_of(optics.glass),
     )
     picture = np.zeros(rays.shape, dtype=np.float32)
     # cached compiled code takes a plain array, whatever the sheet was made from
@@ -101,19 +111,20 @@ def draw_board(
     return picture
 
 
-def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in matrix.tolist())
-
-
 @njit(cache=True, error_model="numpy")
 def _draw_board(sheet, corner, bend, T_board_camera, view, beam, white, rays, rings, picture):
     height, width, _ = rays.shape
-    R, eye = T_board_camera[:3, :3], T_board_camera[:3, 3]
+    R, eye, straight = T_board_camera[:3, :3], T_board_camera[:3, 3].copy(), T_board_camera[:3, 3]
     for row in range(height):
         up, below = max(row - 1, 0), min(row + 1, height - 1)
         for col in range(width):
             before, after = max(col - 1, 0), min(col + 1, width - 1)
             direction = (np.float64(rays[row, col, 0]), np.float64(rays[row, col, 1]), np.float64(rays[row, col, 2]))
+            sight = sight_along(view, direction)
+            if view.tube.is_there:
+                direction = sight.direction
+                for k in range(3):
+                    eye[k] = straight[k] + dot((R[k, 0], R[k, 1], R[k, 2]), sight.start)
             range_mm, x, y, facing = _on_sheet(R, eye, bend, direction)
             if not range_mm > 0.0 or facing < GRAZING or not _near(sheet, corner, x, y):
                 continue
@@ -121,14 +132,15 @@ def _draw_board(sheet, corner, bend, T_board_camera, view, beam, white, rays, ri
             reflectance = _covered(sheet, corner, bend, R, eye, direction, right, down)
             if reflectance <= 0.0:
                 continue
-            point = (range_mm * direction[0], range_mm * direction[1], range_mm * direction[2])
+            point = point_at(sight.start, direction, range_mm)
             normal = _normal(R, bend, x, y)
             if rings:
-                tangent, footprint, azimuth, level = aim(view, beam, range_mm, direction, right, down, point, normal)
-                if level > 0 and not in_housing(view, beam, point):
-                    light_spot(picture[row, col], beam, (tangent, footprint, azimuth, reflectance * level))
+                path = path_to(view, point)
+                spot = aim(view, beam, path, sight, range_mm, right, down, point, normal)
+                if spot.level > 0 and not in_housing(view, beam, path.aimed):
+                    light_spot(picture[row, col], beam, dimmed(spot, reflectance))
             else:
-                level = WHITE_LIGHT * reflectance * max(-dot(normal, direction), 0.0)
+                level = WHITE_LIGHT * reflectance * max(-dot(normal, direction), 0.0) * sight.passed
                 for c in range(3):
                     picture[row, col, c] = level * white[c]
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sensor_model.geometry import inverse
+from sensor_model.geometry import inverse, transform
+from sensor_model.glass import Glass, check_inside, tube_of
 from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics, light
-from sensor_model.raycast import check_inside
 from sensor_model.rig import Camera, Rig
 from twin.mesh import Surface, bore_surface, feature_box, feature_surface
 from twin.pipe import Pipe
@@ -26,6 +26,7 @@ SHADOW_BIAS_MM = 0.25
 SHADED_BEYOND_MM = 0.02  # the bore, being convex, shades nothing
 NEAREST_MM = 1.0
 HOLE_MM = 0.05
+BENDS_PER_MM, GLASS_REACH = 0.03, 3.0  # of glass: how far light is moved in tangent, at most, and in mm along the pipe
 
 
 def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: Optics) -> Float[np.ndarray, "h w 3"]:
@@ -44,7 +45,7 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
         ValueError: when the camera or the projector's apex lies outside the bore.
         RuntimeError: when no GL can be had.
     """
-    check_inside(pipe, T_pipe_camera, rig)
+    check_inside(pipe, T_pipe_camera, rig, optics.glass)
     return _studio().draw(pipe, T_pipe_camera, rig, optics)
 
 
@@ -68,7 +69,7 @@ def _prepare_gl() -> Any:
     return pyrender
 
 
-def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig) -> tuple[float, float]:
+def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, glass: Glass) -> tuple[float, float]:
     """Distances along the pipe between which the projector's light can meet the wall or what shades it."""
     T_pipe_projector = T_pipe_camera @ rig.projector.T_camera_projector
     apex, axis = T_pipe_projector[:3, 3], T_pipe_projector[:3, 2]
@@ -76,15 +77,18 @@ def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig) -> tuple[float
     inner, outer = np.radians([rig.projector.inner_half_angle_deg, rig.projector.outer_half_angle_deg])
     farthest = (pipe.outer_radius_mm + np.hypot(*apex[:2])) / np.tan(max(inner - tilt, 0.05))
     nearest = (pipe.wall.smallest_radius - np.hypot(*apex[:2])) / np.tan(min(outer + tilt, 1.5))
+    if glass.thickness_mm > 0:  # which sends some of it across the tube first
+        farthest += 2 * (glass.inner_radius_mm + np.hypot(*glass.offset_mm)) / np.tan(max(inner - tilt, 0.05))
+        nearest -= GLASS_REACH * glass.thickness_mm
     return float(apex[2] + nearest - 5.0), float(apex[2] + farthest + 5.0)
 
 
 def shadow_crop(
-    pipe: Pipe, features: list[int], T_projector_pipe: np.ndarray, outer_tangent: float
+    pipe: Pipe, features: list[int], T_projector_pipe: np.ndarray, outer_tangent: float, margin: float = 0.0
 ) -> tuple[float, float, float, float, float] | None:
     """Square of the projector's tangent plane that holds features: centre x, y, half side; then their depth range.
 
-    None where nothing can be shaded.
+    None where nothing can be shaded. `margin` is added to the half side.
     """
     corners = []
     for index in features:
@@ -107,7 +111,7 @@ def shadow_crop(
     reach = 1.02 * outer_tangent
     low = np.maximum(tangents[seen].min(axis=0), -reach)
     high = np.minimum(tangents[seen].max(axis=0), reach)
-    half = float(max(high - low) / 2) * 1.05
+    half = float(max(high - low) / 2) * 1.05 + margin
     middle = (low + high) / 2
     return (
         float(middle[0]),
@@ -210,13 +214,20 @@ def _studio_class() -> Any:
             return super().render(scene, flags, seg_node_map)
 
         def _get_primitive_program(self, primitive: Any, flags: int, program_flags: int) -> Any:  # noqa: ARG002
-            name, defines = "mesh_depth", {"NORMAL_LOC": 1, "INST_M_LOC": 2}
+            defines = {"NORMAL_LOC": 1, "INST_M_LOC": 2}
             if program_flags & ProgramFlags.USE_MATERIAL:
-                name = "mesh"
+                fragments = "mesh.frag"
                 defines |= {effect: 1 for effect in self.effects if effect != "SHADOWED" or primitive in self.shaded}
-            program = self._program_cache.get_program(f"{name}.vert", f"{name}.frag", defines=defines)
+            else:
+                fragments = "mesh_depth.frag"
+                defines |= {"DEPTH": 1, **({"GLASS": 1} if "GLASS" in self.effects else {})}
+            program = self._program_cache.get_program("mesh.vert", fragments, defines=defines)
             if not program._in_context():
                 program._add_to_context()
+            if "DEPTH" in defines and "GLASS" in defines:  # no lights are bound in that pass
+                program._bind()
+                for name in ("tube", "tube_projector"):
+                    program.set_uniform(name, self.uniforms[name])
             return program
 
         def _bind_lighting(self, scene: Any, program: Any, node: Any, flags: int) -> None:  # noqa: ARG002
@@ -296,19 +307,20 @@ def _studio_class() -> Any:
             T_world_pipe[2, 3] = -T_pipe_camera[2, 3]
             T_world_camera = T_world_pipe @ T_pipe_camera
             T_world_projector = T_world_camera @ rig.projector.T_camera_projector
-            features = self._furnish(pipe, *reachable_mm(pipe, T_pipe_camera, rig), T_pipe_camera[2, 3])
+            features = self._furnish(pipe, *reachable_mm(pipe, T_pipe_camera, rig, optics.glass), T_pipe_camera[2, 3])
             beam = light(rig.projector, optics)
             slide, slide_range = slide_table(beam)
             self._platform.make_current()
             self.projector.light.show(slide)
-            crop = shadow_crop(pipe, features, inverse(T_world_projector) @ T_world_pipe, beam.lit_to[-1])
+            bends = BENDS_PER_MM * optics.glass.thickness_mm
+            crop = shadow_crop(pipe, features, inverse(T_world_projector) @ T_world_pipe, beam.lit_to[-1], bends)
             self.scene.set_pose(self.camera, T_world_camera)
             self.scene.set_pose(self.projector, T_world_projector)
             self.projector.light.crop = crop or RingProjector.crop
             self._renderer.shaded = {
                 n.mesh.primitives[0] for (kind, _), (n, _) in self.drawn.items() if kind == "feature"
             }
-            self._renderer.effects = _effects(rig, beam, crop)
+            self._renderer.effects = _effects(rig, beam, crop, optics.glass)
             self._renderer.uniforms = {
                 **_camera_uniforms(rig.camera, pipe, T_pipe_camera),
                 "slide_range": slide_range,
@@ -317,6 +329,8 @@ def _studio_class() -> Any:
                 "projector_world": inverse(T_world_projector),
                 "camera_projector": rig.projector.T_camera_projector,
                 "extent": _extent(pipe, T_pipe_camera),
+                **_glass_uniforms(optics.glass, rig.projector.T_camera_projector),
+                **_finish_uniforms(beam, optics.wall_reflectance),
             }
             self.viewport_width, self.viewport_height = rig.camera.width_px, rig.camera.height_px
             return self.render(self.scene, RenderFlags.SHADOWS_SPOT if crop else RenderFlags.NONE)
@@ -403,7 +417,32 @@ def _shadow_uniforms(crop: tuple[float, ...]) -> dict[str, Any]:
     }
 
 
-def _effects(rig: Rig, beam: Light, crop: tuple[float, ...] | None) -> set[str]:
+def _glass_uniforms(glass: Glass, T_camera_projector: np.ndarray) -> dict[str, Any]:
+    if glass.thickness_mm == 0:
+        return {}
+    tube = tube_of(glass)
+    T_tube_camera = inverse(transform(np.array(tube.axes).T, np.array(tube.center)))
+    return {
+        "tube_camera": T_tube_camera,
+        "tube_projector": T_tube_camera @ T_camera_projector,
+        "tube": np.array([tube.inner, tube.outer, tube.refraction, tube.ghost]),
+    }
+
+
+def _finish_uniforms(beam: Light, reflectance: tuple[float, ...]) -> dict[str, Any]:
+    if not _is_finished(beam):
+        return {}
+    return {
+        "finish": np.array([beam.gloss, beam.gloss_power, beam.translucency, beam.translucency_mm]),
+        "unpainted": np.array([1 / share if share > 0 else 0.0 for share in reflectance]),
+    }
+
+
+def _is_finished(beam: Light) -> bool:
+    return beam.gloss > 0 or beam.translucency > 0
+
+
+def _effects(rig: Rig, beam: Light, crop: tuple[float, ...] | None, glass: Glass) -> set[str]:
     """What the shader has to reckon with."""
     azimuth = np.linspace(0, 2 * np.pi, 72)
     tangent = beam.lit_from[0]
@@ -412,5 +451,11 @@ def _effects(rig: Rig, beam: Light, crop: tuple[float, ...] | None) -> set[str]:
     rays = rays @ T[:3, :3].T
     at_camera = T[:2, 3] - rays[:, :2] * (T[2, 3] / rays[:, 2])[:, None]
     housed = np.linalg.norm(at_camera, axis=1).min() < beam.housing_radius_mm + 0.1
-    cases = {"HOUSED": housed, "SHADOWED": crop is not None, "JAGGED": beam.jag_rad > 0}
+    cases = {
+        "HOUSED": housed,
+        "SHADOWED": crop is not None,
+        "JAGGED": beam.jag_rad > 0,
+        "GLASS": glass.thickness_mm > 0,
+        "FINISHED": _is_finished(beam),
+    }
     return {name for name, matters in cases.items() if matters}

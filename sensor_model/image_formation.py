@@ -1,4 +1,4 @@
-"""From the drawn picture to the stored one: inter-reflection, haze, defocus, colour bleed, noise, tone, storage."""
+"""From the drawn picture to the stored one: dirt, inter-reflection, haze, defocus, bleed, noise, tone, storage."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numba import njit
 
+from sensor_model.dirt import seen_through
 from sensor_model.optics import Optics
+from sensor_model.processing import processed
 from sensor_model.rig import Camera
 
 CELL_PX = 8  # inter-reflection is gathered from cells of this size
@@ -31,7 +33,8 @@ def expose(
         rng: The source of noise, one stream for one picture.
         camera: Tells how far off the axis a pixel looks, for defocus and inter-reflection.
     """
-    linear = np.ascontiguousarray(linear_rgb, dtype=np.float32)
+    linear = seen_through(np.ascontiguousarray(linear_rgb, dtype=np.float32), optics.dirt, camera)
+    haze = 1 - (1 - optics.haze) * (1 - optics.dirt.film) if optics.dirt.film > 0 else optics.haze
     noisy = optics.shot_noise > 0 or optics.read_noise > 0
     noise = rng.standard_normal(linear.shape, dtype=np.float32) if noisy else np.zeros((1, 1, 3), dtype=np.float32)
     blurred = cv2.GaussianBlur(linear, (0, 0), optics.defocus_px) if optics.defocus_px > 0 else linear
@@ -41,17 +44,17 @@ def expose(
         blurred,
         _blur_share(optics, camera),
         inter_reflection(linear, optics, camera),
-        _veil(linear) if optics.haze > 0 else np.zeros((1, 1, 3), dtype=np.float32),
+        _veil(linear) if haze > 0 else np.zeros((1, 1, 3), dtype=np.float32),
         noise,
         _tone_curve(optics.gamma, optics.lost_bits),
         np.array([camera.cx_px, camera.cy_px]),
         np.array(
-            [optics.haze, optics.color_bleed, optics.exposure, optics.shot_noise**2, optics.read_noise**2],
+            [haze, optics.color_bleed, optics.exposure, optics.shot_noise**2, optics.read_noise**2],
             dtype=np.float32,
         ),
         stored,
     )
-    return stored
+    return processed(stored, optics.processing)
 
 
 def inter_reflection(linear: Float[np.ndarray, "h w 3"], optics: Optics, camera: Camera) -> Float[np.ndarray, "r 3"]:

@@ -7,8 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
+from sensor_model.daylight import Daylight
+from sensor_model.dirt import Dirt
+from sensor_model.glass import Glass
+from sensor_model.processing import Processing
 from sensor_model.rig import Projector, load_settings
 from sensor_model.settings import Settings
 
@@ -17,7 +21,31 @@ Channels = tuple[Share, Share, Share]
 NonNegative = Annotated[float, Field(ge=0)]
 
 LOOKS = Path(__file__).parent / "looks"
+WALLS = Path(__file__).parent / "walls"
 REFERENCE_RANGE_MM = 130.0  # fall-off with distance is 1 here
+
+
+class WallFinish(Settings):
+    """What the wall does with light beyond throwing it back evenly; zeros leave it matt."""
+
+    gloss: Share = 0.0
+    """Share that its surface mirrors where light comes straight on; 0.04 is bare plastic."""
+    gloss_width_deg: Annotated[float, Field(gt=0.5, le=60)] = 12.0
+    """Spread (standard deviation) of the slopes of a glossy surface: a highlight is twice as wide."""
+    translucency: Share = 0.0
+    """Share of the light that comes out of the wall beside where it went in."""
+    translucency_mm: NonNegative = 0.8
+    """How far beside (standard deviation)."""
+
+
+AnyWall = Annotated[WallFinish, BeforeValidator(lambda wall: wall, json_schema_input_type=str | WallFinish)]
+
+
+class NamedWall(Settings):
+    """A wall as its file states it."""
+
+    wall_reflectance: Channels
+    wall: WallFinish
 
 
 class Optics(Settings):
@@ -40,6 +68,13 @@ class Optics(Settings):
     slide_jag_cells: Annotated[int, Field(ge=16, le=4096)] = 1024
     """How many such shifts there are around the slide; between them an edge goes straight."""
 
+    glass: Glass = Glass()
+    wall: AnyWall = WallFinish()
+    """Or the name of a wall, which sets `wall_reflectance` too."""
+    lamp_level: NonNegative = 1.0
+    """Of the projector's light, against that of other sources and the camera's noise."""
+    daylight: Daylight = Daylight()
+    dirt: Dirt = Dirt()
     inter_reflection: NonNegative = 0.15
     """Light that reaches the wall by way of the wall; 1 is a matt cylinder with the wall's own reflectance."""
     haze: Share = 0.06
@@ -58,6 +93,13 @@ class Optics(Settings):
     """Tone curve: stored value = light to the power of 1 / gamma."""
     lost_bits: Annotated[int, Field(ge=0, le=6)] = 0
     """Bits of quantisation lost beyond the eight of the file."""
+    processing: Processing = Processing()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_wall(cls, data: Any) -> Any:
+        named = isinstance(data, dict) and isinstance(data.get("wall"), str)
+        return {**data, **_wall(data["wall"])} if named else data
 
     @classmethod
     def ideal(cls) -> Optics:
@@ -87,6 +129,20 @@ def look(name: str = "endoscope") -> Optics:
     return load_settings(Optics, known[name])
 
 
+@cache
+def _wall(name: str) -> dict[str, Any]:
+    """What a named wall states of the optics.
+
+    Raises:
+        ValueError: for another name.
+    """
+    known = {path.stem: path for path in sorted(WALLS.glob("*.yaml"))}
+    if name not in known:
+        raise ValueError(f"no wall is called {name!r}; there are {', '.join(known)}")
+    stated = load_settings(NamedWall, known[name])
+    return {"wall_reflectance": stated.wall_reflectance, "wall": stated.wall}
+
+
 def _by_name(value: Any) -> Any:
     return look(value) if isinstance(value, str) else value
 
@@ -103,6 +159,7 @@ class Light(NamedTuple):
     lit_from: tuple[float, ...]  # tangent where each band's light begins
     lit_to: tuple[float, ...]  # and ends
     colors: tuple[tuple[float, ...], ...]  # of each band, wall reflectance times light
+    lights: tuple[tuple[float, ...], ...]  # of each band, what a mirror throws back
     jag_rad: float
     jag_cells: int
     strut_azimuth_rad: float
@@ -111,6 +168,10 @@ class Light(NamedTuple):
     housing_radius_mm: float
     distance_power: float
     angle_power: float
+    gloss: float
+    gloss_power: float
+    translucency: float
+    translucency_mm: float
 
 
 def light(projector: Projector, optics: Optics) -> Light:
@@ -119,11 +180,13 @@ def light(projector: Projector, optics: Optics) -> Light:
     slits = projector.slit_half_angles_rad
     inner, outer = np.radians([projector.inner_half_angle_deg, projector.outer_half_angle_deg])
     by_letter = {"R": optics.red_light, "Y": optics.yellow_light, "B": optics.blue_light}
-    colors = np.array([by_letter[letter] for letter in projector.band_colors]) * optics.wall_reflectance
+    lights = np.array([by_letter[letter] for letter in projector.band_colors]) * optics.lamp_level
+    wall = optics.wall
     return Light(
         tuple(np.tan([inner, *(slits + half_slit)]).tolist()),
         tuple(np.tan([*(slits - half_slit), outer]).tolist()),
-        tuple(tuple(color) for color in colors.tolist()),
+        tuple(tuple(color) for color in (lights * optics.wall_reflectance).tolist()),
+        tuple(tuple(color) for color in lights.tolist()),
         float(np.radians(optics.slide_jag_deg)),
         optics.slide_jag_cells,
         float(np.radians(projector.strut_clock_deg)),
@@ -132,4 +195,8 @@ def light(projector: Projector, optics: Optics) -> Light:
         projector.housing_radius_mm,
         optics.distance_power,
         optics.angle_power,
+        wall.gloss,
+        2.0 / np.radians(wall.gloss_width_deg) ** 2,
+        wall.translucency,
+        wall.translucency_mm,
     )

@@ -11,7 +11,8 @@ from jaxtyping import Float, Int
 from numba import njit
 from pydantic import BeforeValidator, Field
 
-from sensor_model.geometry import fisheye_pixel, jag_rad, lens_of, wrap_rad
+from sensor_model.geometry import apply, fisheye_pixel, inverse, jag_rad, lens_of, wrap_rad
+from sensor_model.glass import ORIGIN, Glass, aimed_at, beyond, check_inside, tube_of
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Projector, Rig, load_settings
 from sensor_model.settings import Settings
@@ -119,12 +120,17 @@ def fan(projector: Projector, azimuths: int, jag_deg: float = 0.0, jag_cells: in
 
 
 def see_slits(
-    pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, noise: PointNoise, rng: np.random.Generator
+    pipe: Pipe,
+    T_pipe_camera: Float[np.ndarray, "4 4"],
+    rig: Rig,
+    noise: PointNoise,
+    rng: np.random.Generator,
+    glass: Glass | None = None,
 ) -> SlitPixels:
     """Where the camera sees each slit: light from the apex to its first wall point, and from there to the camera.
 
     Lost: the strut's sector, what the rim of a defect hides from projector or camera, holes, what falls outside the
-    picture, and drop-outs.
+    picture, and drop-outs. A glass tube bends the light on both ways.
     """
     light, camera = fan(rig.projector, noise.azimuths, noise.slide_jag_deg, noise.slide_jag_cells), rig.camera
     noise_px, bias_px, drop_out_share, sigma_px = noise.of_slits(len(rig.projector.slits))
@@ -132,6 +138,9 @@ def see_slits(
     # drawn for all, so that draws do not depend on sight
     kept = rng.random(light.places) >= drop_out_share[of_place]
     jitter_px = rng.standard_normal(light.places) * noise_px[of_place] + bias_px[of_place]
+    if glass is not None and glass.thickness_mm > 0:
+        pixel, slit = _seen_through_glass(pipe, T_pipe_camera, rig, light, kept, jitter_px, glass)
+        return SlitPixels(pixel, slit, np.maximum(sigma_px, LEAST_SIGMA_PX)[slit])
     pixel, slit = _seen(
         near_wall(pipe, float(T_pipe_camera[2, 3])),
         (pipe.start_mm, pipe.end_mm, pipe.backed),
@@ -166,6 +175,42 @@ def _seen(wall, pipe, T_pipe_camera, apex, light, kept, jitter_px, intrinsics, c
     if not backed:
         seen &= ~is_hole(wall, points[:, 0], points[:, 1])
     return _pictured(light, seen, ranges, jitter_px, apex, intrinsics, corner)
+
+
+def _seen_through_glass(
+    pipe: Pipe,
+    T_pipe_camera: np.ndarray,
+    rig: Rig,
+    light: Fan,
+    kept: np.ndarray,
+    jitter_px: np.ndarray,
+    glass: Glass,
+) -> tuple[np.ndarray, np.ndarray]:
+    """`_seen` by way of the glass: each ray has its own origin, and the wall seems to lie elsewhere."""
+    check_inside(pipe, T_pipe_camera, rig, glass)
+    tube, camera = tube_of(glass), rig.camera
+    starts, onward = beyond(tube, rig.projector.apex_mm, light.rays_camera)
+    wall, rays = near_wall(pipe, float(T_pipe_camera[2, 3])), onward @ T_pipe_camera[:3, :3].T
+    points = _ends_mm(wall, apply(T_pipe_camera, starts), rays)
+    seen = (points[:, 2] >= pipe.start_mm) & (points[:, 2] <= pipe.end_mm) & kept[light.place]
+    seen &= ~in_shadow(wall, points, tuple(T_pipe_camera[:3, 3].tolist()))
+    if not pipe.backed:
+        seen &= ~is_hole(wall, points[:, 0], points[:, 1])
+    apparent = aimed_at(tube, ORIGIN, apply(inverse(T_pipe_camera), points))
+    ranges = np.linalg.norm(apparent, axis=1)
+    as_seen = light._replace(rays_camera=apparent / ranges[:, None])
+    corner = (camera.width_px - 1, camera.height_px - 1)
+    return _pictured(as_seen, seen, ranges, jitter_px, ORIGIN, camera.intrinsics, corner)
+
+
+@njit(cache=True, error_model="numpy")
+def _ends_mm(wall, origins, rays):
+    """Where each of (n, 3) rays of its own origin meets the wall."""
+    out = np.empty_like(rays)
+    for i in range(rays.shape[0]):
+        origin = (origins[i, 0], origins[i, 1], origins[i, 2])
+        out[i] = origins[i] + wall_ranges_mm(wall, origin, rays[i : i + 1])[0] * rays[i]
+    return out
 
 
 @njit(cache=True, error_model="numpy")

@@ -54,6 +54,8 @@ class Slit(Settings):
 
     The first value is of the cell that begins at 12 o'clock; they go clockwise. Empty: a smooth cone.
     """
+    apex_mm: Annotated[Vector3 | None, Field(exclude_if=lambda apex: apex is None)] = None
+    """Where this slit's light seems to come from, if not from the projector's apex: a glass tube moves it."""
 
 
 class Projector(Settings):
@@ -110,6 +112,11 @@ class Projector(Settings):
     def jag_table_rad(self) -> Float[np.ndarray, "slits cells"]:
         """What the half angle of every slit has beyond its mean, by azimuth from 12 o'clock; no cells: smooth cones."""
         return np.radians([s.jag_deg for s in self.slits]).reshape(len(self.slits), -1)
+
+    def of_slit(self, slit: int) -> Projector:
+        """The projector whose only apex is that of one of its slits."""
+        plain = tuple(one.model_copy(update={"apex_mm": None}) for one in self.slits)
+        return self.model_copy(update={"apex_mm": self.slits[slit].apex_mm or self.apex_mm, "slits": plain})
 
     @cached_property
     def T_camera_projector(self) -> Float[np.ndarray, "4 4"]:

@@ -89,17 +89,23 @@ def write_frame(
     """Make one frame and write it: a PNG, exposed while the camera is at each of these poses, or the slit pixels."""
     if sensing.fidelity == "points":
         middle = T_pipe_camera[len(T_pipe_camera) // 2]
-        seen = see_slits(pipe, middle, rig, sensing.points, stream(seed, "points", index))
+        seen = see_slits(pipe, middle, rig, sensing.points, stream(seed, "points", index), sensing.optics.glass)
         write_slit_pixels(file, seen)
         return
+    from sensor_model.daylight import daylight
     from sensor_model.image_formation import expose
 
     if sensing.fidelity == "picture":
         from sensor_model.drawing import draw
     else:
         from sensor_model.raycast import draw
-    linear = np.stack([draw(pipe, pose, rig, sensing.optics) for pose in T_pipe_camera]).mean(axis=0)
-    picture = expose(linear, sensing.optics, stream(seed, "picture", index), rig.camera)
+    optics = sensing.optics
+    linear = np.stack([draw(pipe, pose, rig, optics) for pose in T_pipe_camera]).mean(axis=0)
+    if optics.daylight.level > 0:
+        middle = T_pipe_camera[len(T_pipe_camera) // 2]
+        time_s = index / sensing.frame_rate_hz
+        linear += daylight(pipe, middle, rig.camera, optics.wall_reflectance, optics.daylight, time_s)
+    picture = expose(linear, optics, stream(seed, "picture", index), rig.camera)
     file.write_bytes(png(picture))
 
 

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from algorithms.calibration.cones import ConeFit, fit_cones
 from sensor_model.geometry import fisheye_project, fisheye_rays
+from sensor_model.glass import ORIGIN, Glass, aimed_at, beyond, tube_of
 from sensor_model.points import PointNoise, fan
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
@@ -30,6 +31,8 @@ class BoardSession(Settings):
     tilt_deg: Annotated[float, Field(ge=0, le=60)] = 30.0
     board_distance_std_mm: Annotated[float, Field(ge=0, le=10)] = 0.02
     board_tilt_std_deg: Annotated[float, Field(ge=0, le=10)] = 0.02
+    own_apex: bool = False
+    """Whether each slit gets an apex of its own: what a glass tube before the projector asks for."""
     points: PointNoise = PointNoise()
 
 
@@ -47,8 +50,10 @@ class Calibrated(NamedTuple):
     fit: ConeFit
 
 
-def calibrate(true_rig: Rig, seed: int, session: BoardSession | None = None) -> Calibrated:
-    """See the slits on every board, and fit the projector's cones; the camera is taken as known.
+def calibrate(true_rig: Rig, seed: int, session: BoardSession | None = None, glass: Glass | None = None) -> Calibrated:
+    """See the slits on every board, through the glass tube if there is one, and fit the projector's cones.
+
+    The camera is taken as known, the boards' places too, but for the session's errors.
 
     The fit starts from a projector that is wrong by as much as a drawing is.
     """
@@ -56,11 +61,11 @@ def calibrate(true_rig: Rig, seed: int, session: BoardSession | None = None) -> 
     by_slit: list[list[np.ndarray]] = [[] for _ in true_rig.projector.slits]
     for _ in range(session.boards):
         board = draw_board(session, rng)
-        pixel, slit = see_board(true_rig, board, session.points, rng)
+        pixel, slit = see_board(true_rig, board, session.points, rng, glass or Glass())
         xyz = on_plane(fisheye_rays(pixel, true_rig.camera.intrinsics), believed(board, session, rng))
         for number, points in enumerate(by_slit):
             points.append(xyz[slit == number])
-    fit = fit_cones([np.concatenate(points) for points in by_slit], as_drawn(true_rig))
+    fit = fit_cones([np.concatenate(points) for points in by_slit], as_drawn(true_rig), session.own_apex)
     return Calibrated(true_rig.model_copy(update={"projector": fit.projector}), fit)
 
 
@@ -99,16 +104,23 @@ def _plane(tilt_rad: float, towards_rad: float, ahead_mm: float) -> Plane:
 
 
 def see_board(
-    rig: Rig, board: Plane, noise: PointNoise, rng: np.random.Generator
+    rig: Rig, board: Plane, noise: PointNoise, rng: np.random.Generator, glass: Glass
 ) -> tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, "n"]]:
     """Pixels of the slits' light on a board, moved outward by their noise, and their slits."""
     light, camera = fan(rig.projector, noise.azimuths), rig.camera
     kept = rng.random(light.places)[light.place] >= noise.drop_out_share
     jitter_px = rng.standard_normal(light.places)[light.place] * noise.pixel_noise_px
-    xyz = np.array(rig.projector.apex_mm) + on_plane(
-        light.rays_camera, board._replace(distance_mm=board.distance_mm - float(board.normal @ rig.projector.apex_mm))
-    )
-    pixel = fisheye_project(xyz, camera.intrinsics)
+    if glass.thickness_mm > 0:
+        tube = tube_of(glass)
+        starts, onward = beyond(tube, rig.projector.apex_mm, light.rays_camera)
+        xyz = starts + onward * ((board.distance_mm - starts @ board.normal) / (onward @ board.normal))[:, None]
+        seen = aimed_at(tube, ORIGIN, xyz)
+    else:
+        xyz = seen = np.array(rig.projector.apex_mm) + on_plane(
+            light.rays_camera,
+            board._replace(distance_mm=board.distance_mm - float(board.normal @ rig.projector.apex_mm)),
+        )
+    pixel = fisheye_project(seen, camera.intrinsics)
     outward = pixel - [camera.cx_px, camera.cy_px]
     pixel = pixel + (jitter_px / np.linalg.norm(outward, axis=1))[:, None] * outward
     corner = np.array([camera.width_px - 1, camera.height_px - 1])

@@ -105,9 +105,11 @@ def errors_of_picture(scenario: Scenario, T_pipe_camera: Float[np.ndarray, "4 4"
         "slide_jag_cells": optics.slide_jag_cells,
     }
     no_draws = np.random.default_rng(0)
-    true = see_slits(scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=DENSE_AZIMUTHS, **clean), no_draws)
+    true = see_slits(
+        scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=DENSE_AZIMUTHS, **clean), no_draws, optics.glass
+    )
     lines = scenario.method.decode.azimuths
-    lit = see_slits(scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=lines, **clean), no_draws)
+    lit = see_slits(scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=lines, **clean), no_draws, optics.glass)
     return [_errors(seen, true, lit, slit, rig) for slit in range(len(rig.projector.slits))]
 
 

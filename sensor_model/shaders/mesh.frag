@@ -1,11 +1,19 @@
 #version 330 core
 // The projector's light on the wall: bands filtered over the pixel, strut, housing, fall-off and shadow.
-// SHADOWED, JAGGED and HOUSED are defined where they matter: in software GL a branch not taken costs as if it were.
+// SHADOWED, JAGGED, HOUSED, GLASS and FINISHED are defined where they matter: in software GL a branch not taken costs
+// as if it were.
 const float PI = 3.14159265358979;
 
 in vec3 from_projector;
 in vec3 normal_projector;
 in vec3 world;
+#ifdef GLASS
+in vec3 wall_projector;
+in vec3 came;
+in vec2 passed;
+in vec3 ghost_projector;
+in vec3 ghost_came;
+#endif
 
 uniform sampler2D slide;            // by tangent of the half angle: light summed up to there (rgb), nearest edge (a)
 uniform vec4 slide_range;           // tangents of the first texel and from texel to texel, of the first and the last light
@@ -17,6 +25,8 @@ uniform vec4 extent;                // radius below which nothing is shaded, rad
 uniform vec4 crop;                  // shadow map: centre of its tangent plane, half its side
 uniform vec4 depth_range;           // shadow map: nearest, farthest, texels, bias in mm
 uniform sampler2D shadow_map;
+uniform vec4 finish;                // gloss, its power, translucency, its spread in mm
+uniform vec3 unpainted;             // one over the wall's reflectance
 
 out vec4 color;
 
@@ -78,20 +88,28 @@ bool in_housing(vec3 place)
     return length(mix(apex.xy, seen.xy, apex.z / (apex.z - seen.z))) < falloff.w;
 }
 
-void main()
+#ifdef FINISHED
+float mirrored_share(vec3 came, vec3 point, vec3 normal)
 {
-    // derivatives first: they are undefined behind a branch
-    vec3 along_right = dFdx(from_projector), along_down = dFdy(from_projector);
-    color = vec4(0.0, 0.0, 0.0, 1.0);
-    vec3 place = from_projector;
+    vec3 eye = -transpose(mat3(camera_projector)) * camera_projector[3].xyz;
+    vec3 look = normalize(point - eye), half_way = normalize(-normalize(came) - look);
+    float facets = finish.x + (1.0 - finish.x) * pow(1.0 + dot(half_way, look), 5.0);
+    float spread = 0.125 * (finish.y + 2.0) * pow(max(dot(half_way, normal), 0.0), finish.y);
+    return facets * spread / max(-dot(normal, look), 0.05);
+}
+#endif
+
+// `place` is where the wall seems to be, `came` how light comes to it, `side` -1 for light from the tube's far side
+vec3 thrown_back(vec3 place, vec3 came, float side, vec3 point, vec3 along_right, vec3 along_down)
+{
+    vec3 dark = vec3(0.0);
     float across = length(place.xy);
     float tangent = across / place.z;
-    if (place.z <= 0.0 || tangent < slide_range.z || tangent > slide_range.w) return;
-    float rho = length(world.xy);
-    if (rho > extent.y || world.z < extent.z || world.z > extent.w) return;
+    if (place.z <= 0.0 || tangent < slide_range.z || tangent > slide_range.w) return dark;
     float range = length(place);
-    float facing = -dot(normalize(normal_projector), place) / range;
-    if (facing <= 0.0) return;
+    vec3 normal = normalize(normal_projector);
+    float facing = -dot(normal, came) / length(came);
+    if (facing <= 0.0) return dark;
     float azimuth = atan(place.x, -place.y);
     float visible = 1.0;
     if (strut.y > 0.0) {
@@ -99,18 +117,43 @@ void main()
         turn -= 2.0 * PI * round(turn / (2.0 * PI));
         visible = clamp((abs(turn) - strut.y) / max(strut.z, 1e-6) + 0.5, 0.0, 1.0);
     }
-    if (visible <= 0.0) return;
+    if (visible <= 0.0) return dark;
 #ifdef HOUSED
-    if (in_housing(place)) return;
+    if (in_housing(place)) return dark;
 #endif
 #ifdef SHADOWED
-    if (rho > extent.x) visible *= lit(place);
+    if (side > 0.0 && length(world.xy) > extent.x) visible *= lit(place);
 #endif
-    vec3 gradient = vec3(place.xy / across, -tangent) / place.z;
+    vec3 gradient = vec3(side * place.xy / across, -tangent) / place.z;
     float footprint = max(length(vec2(dot(gradient, along_right), dot(gradient, along_down))), 1e-6);
 #ifdef JAGGED
     tangent += jag(tangent, azimuth) * (1.0 + tangent * tangent);
 #endif
     vec3 light = (summed_light(tangent + 0.5 * footprint) - summed_light(tangent - 0.5 * footprint)) / footprint;
-    color.rgb = light * visible * pow(facing, falloff.y) * pow(falloff.z / range, falloff.x);
+#ifdef FINISHED
+    vec3 mirror = light * unpainted * mirrored_share(came, point, normal);
+    float per_mm = sqrt(max(dot(gradient, gradient) - pow(dot(gradient, normal), 2.0), 0.0));
+    float wide = length(vec2(footprint, 3.4641016 * finish.w * per_mm));
+    vec3 under = (summed_light(tangent + 0.5 * wide) - summed_light(tangent - 0.5 * wide)) / wide;
+    light = mix(light, under, finish.z) + (finish.x > 0.0 ? mirror / pow(facing, falloff.y) : dark);
+#endif
+    return light * visible * pow(facing, falloff.y) * pow(falloff.z / range, falloff.x);
+}
+
+void main()
+{
+    // derivatives first: they are undefined behind a branch
+#ifdef GLASS
+    vec3 along_right = dFdx(wall_projector), along_down = dFdy(wall_projector);
+#else
+    vec3 along_right = dFdx(from_projector), along_down = dFdy(from_projector);
+#endif
+    color = vec4(0.0, 0.0, 0.0, 1.0);
+    if (length(world.xy) > extent.y || world.z < extent.z || world.z > extent.w) return;
+#ifdef GLASS
+    color.rgb = passed.x * thrown_back(from_projector, came, 1.0, wall_projector, along_right, along_down)
+        + passed.y * thrown_back(ghost_projector, ghost_came, -1.0, wall_projector, along_right, along_down);
+#else
+    color.rgb = thrown_back(from_projector, from_projector, 1.0, from_projector, along_right, along_down);
+#endif
 }

@@ -1,11 +1,86 @@
 #version 330 core
-// Places the wall in the picture through the Kannala-Brandt fisheye and hands on where it is as seen by the projector.
+// Places the wall in the picture through the Kannala-Brandt fisheye and hands on where it is as seen by the projector;
+// with DEPTH, only as the projector sees it, cropped to the places that can be shaded. GLASS: all by way of the tube.
 layout(location = 0) in vec3 position;
+#ifndef DEPTH
 layout(location = NORMAL_LOC) in vec3 normal;
+#endif
 layout(location = INST_M_LOC) in mat4 inst_m;
 
 uniform mat4 M;                 // chunk to world: the pipe's axes, shifted to the camera's distance
-uniform mat4 V;                 // world to camera (z forward, x right, y down)
+uniform mat4 V;                 // world to camera (z forward, x right, y down); with DEPTH, to the projector
+
+#ifdef GLASS
+uniform mat4 tube_projector;    // projector to tube
+uniform mat4 tube_camera;       // camera to tube
+uniform vec4 tube;              // inner and outer radius, index, ghost
+const int TOWARDS_STEPS = 3;
+
+float reflected(float cosine, float eta)
+{
+    float behind = sqrt(max(1.0 - eta * eta * (1.0 - cosine * cosine), 0.0));
+    float across = (eta * cosine - behind) / (eta * cosine + behind);
+    float along = (cosine - eta * behind) / (cosine + eta * behind);
+    return 0.5 * (across * across + along * along);
+}
+
+vec3 left(vec3 origin, vec3 direction, float radius)
+{
+    float a = dot(direction.xy, direction.xy), b = dot(origin.xy, direction.xy);
+    float c = dot(origin.xy, origin.xy) - radius * radius;
+    return origin + (-b + sqrt(b * b - a * c)) / a * direction;
+}
+
+vec3 bent(vec3 direction, vec2 out_of, float eta, inout float passed)
+{
+    float cosine = dot(direction.xy, out_of);
+    float inside2 = 1.0 - eta * eta * (1.0 - cosine * cosine);
+    passed *= 1.0 - reflected(cosine, eta);
+    return vec3(eta * direction.xy + (sqrt(max(inside2, 0.0)) - eta * cosine) * out_of, eta * direction.z);
+}
+
+vec3 through(vec3 origin, vec3 direction, out vec3 onward, out float passed)
+{
+    passed = 1.0;
+    vec3 first = left(origin, direction, tube.x);
+    vec3 inside = bent(direction, first.xy / tube.x, 1.0 / tube.z, passed);
+    vec3 last = left(first, inside, tube.y);
+    onward = bent(inside, last.xy / tube.y, tube.z, passed);
+    return last;
+}
+
+// Where a point outside seems to be from inside, at its own distance, as `glass.towards` has it; whence light comes to it.
+vec3 aimed(mat4 to_tube, vec3 point, out vec3 source, out float passed)
+{
+    vec3 origin = to_tube[3].xyz, p = (to_tube * vec4(point, 1.0)).xyz, aim = normalize(p - origin), onward;
+    vec3 place = through(origin, aim, onward, passed);
+    for (int i = 0; i < TOWARDS_STEPS; ++i) {
+        aim = normalize(aim + normalize(p - place + length(place - origin) * onward) - onward);
+        place = through(origin, aim, onward, passed);
+    }
+    mat3 back = transpose(mat3(to_tube));
+    source = back * (place - origin);
+    return back * aim * length(point);
+}
+#endif
+
+#ifdef DEPTH
+
+uniform mat4 P;
+
+void main()
+{
+#ifdef GLASS
+    vec3 source;
+    float passed;
+    gl_Position = P * vec4(aimed(tube_projector, (V * (M * inst_m * vec4(position, 1.0))).xyz, source, passed), 1.0);
+#else
+    gl_Position = P * (V * (M * inst_m * vec4(position, 1.0)));
+#endif
+}
+
+#else
+
 uniform mat4 projector_world;   // world to projector
 uniform vec4 lens;              // fx, fy, cx, cy, px
 uniform vec4 lens_k;            // k1 .. k4
@@ -14,6 +89,29 @@ uniform vec4 picture;           // skew, width, height, largest range
 out vec3 from_projector;
 out vec3 normal_projector;
 out vec3 world;
+#ifdef GLASS
+out vec3 wall_projector;        // the place itself; from_projector is where it seems to be
+out vec3 came;                  // how light comes to it
+out vec2 passed;                // share on the way out and back, and of the ghost
+out vec3 ghost_projector;       // where it seems to be by way of the far side of the tube
+out vec3 ghost_came;
+
+void by_way_of_glass(vec3 point, float seen)
+{
+    vec3 source;
+    wall_projector = point;
+    from_projector = aimed(tube_projector, point, source, passed.x);
+    came = point - source;
+    vec3 o = tube_projector[3].xyz, p = (tube_projector * vec4(point, 1.0)).xyz;
+    float rho = length(p.xy);
+    mat3 back = transpose(mat3(tube_projector));
+    vec3 ghost = vec3(-(rho + 2.0 * tube.x) / rho * p.xy, p.z) - o;
+    float once = reflected(length(ghost.xy) / length(ghost), 1.0 / tube.z), both = 2.0 * once / (1.0 + once);
+    ghost_projector = back * ghost;
+    ghost_came = back * vec3(length(ghost.xy) / rho * p.xy, ghost.z);
+    passed = seen * vec2(passed.x, tube.w * both * (1.0 - both));
+}
+#endif
 
 void main()
 {
@@ -22,6 +120,12 @@ void main()
     from_projector = (projector_world * place).xyz;
     normal_projector = mat3(projector_world) * normal;
     vec3 seen = (V * place).xyz;
+#ifdef GLASS
+    vec3 source;
+    float share;
+    seen = aimed(tube_camera, seen, source, share);
+    by_way_of_glass(from_projector, share);
+#endif
     float rho = length(seen.xy);
     float angle = atan(rho, seen.z);
     float a2 = angle * angle;
@@ -34,3 +138,5 @@ void main()
     float range = length(seen);
     gl_Position = vec4(clip, 2.0 * range / picture.w - 1.0, 1.0) * range;
 }
+
+#endif

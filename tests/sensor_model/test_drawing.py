@@ -12,8 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from sensor_model import drawing, raycast
 from sensor_model.geometry import apply, fisheye_project, inverse, transform
+from sensor_model.glass import Glass, tube_of
 from sensor_model.optics import Optics, light, look
 from sensor_model.rig import Rig, preset_rig
+from sensor_model.spot import sight_along
 from sensor_model.wall_rays import inward_normal
 from twin.features.pit import Pit
 from twin.features.pocket import Pocket
@@ -169,13 +171,13 @@ def test_the_pocket_shades_its_own_floor_behind_the_rim() -> None:
 
 def test_the_ray_caster_finds_the_wall_that_plain_bisection_finds() -> None:
     rng = np.random.default_rng(0)
-    view = raycast._view(CARVED, pose(), preset_rig())
+    view = raycast._view(CARVED, pose(), preset_rig(), tube_of(Glass()))
     beam = light(preset_rig().projector, Optics())
     compared = 0
     for _ in range(300):
         aim = hole_floor_mm()[5] + rng.normal(0, 12, 3) - np.array(view.eye)
         aim /= np.linalg.norm(aim)
-        found = raycast._hit(CARVED.wall, view, beam, tuple(aim.tolist()))
+        found = raycast._hit(CARVED.wall, view, beam, sight_along(view, tuple(aim.tolist())))
         if found < 0:
             continue
         s = np.arange(found - 30, found + 5, 0.002)
