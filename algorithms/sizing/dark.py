@@ -15,6 +15,7 @@ from sensor_model.geometry import wrap_rad
 from sensor_model.recording import NominalPipe
 
 LEAST_MM = 5.0  # both ways: smaller dark places are cells that no ring happened to hit
+FILLED = 0.6  # of its box, as a round hole fills it: rings that cross leave slanted lines between them
 WIDEST_RAD = np.pi / 2  # a wider one is a lost stretch of the scan, or the strut's sector
 AROUND_MM, AROUND_SEEN = 10.0, 0.8  # so much of the wall before and beyond a dark place must have been seen
 LEAST_POINTS = 2  # in such a cell: with one, a few rings looked at the wall, and gaps are theirs
@@ -64,6 +65,8 @@ def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:
         turned = (columns - center + around // 2) % around - around // 2
         length, cells = (last - first + 1) * cell_z, int(np.ptp(turned)) + 1
         if length < LEAST_MM or cells * cell_arc < LEAST_MM or cells * 2 * np.pi / around > WIDEST_RAD:
+            continue
+        if columns.size < FILLED * cells * (last - first + 1):
             continue
         if first - near < scanned.start or last + near >= scanned.stop:
             continue

@@ -14,8 +14,8 @@ from sensor_model.recording import NominalPipe
 
 RING_SIGMAS = 6.0
 LONGEST_RING_MM = 60.0  # what is longer is a narrower stretch of pipe
-HEIGHT_STD_MM = 0.1  # of a ring's crest: what smoothing over three rows takes of one as narrow as a bead
-EDGE_STD_CELLS = 0.3
+HEIGHT_STD_MM = 0.15  # of a ring's crest: what smoothing over three rows takes of one as narrow as a bead
+LENGTH_STD_MM = 1.2  # of a ring: in pictures slits are lost on its far side
 
 
 def as_inward(measured: Defect) -> Defect:
@@ -52,7 +52,7 @@ def rings(
         begin_mm, end_mm = (float(np.interp(at, np.arange(rows.size), wall.z_mm[rows])) for at in (begin, end))
         if end_mm - begin_mm > LONGEST_RING_MM:
             continue
-        yield _ring(wall, seen[:, rows[run]], begin_mm, end_mm - begin_mm, crest, pipe)
+        yield _ring(seen[:, rows[run]], begin_mm, end_mm - begin_mm, crest, pipe)
 
 
 def _half(height: Float[np.ndarray, "rows"], run: np.ndarray, level: float, step: int) -> float:
@@ -64,9 +64,7 @@ def _half(height: Float[np.ndarray, "rows"], run: np.ndarray, level: float, step
     return at + step * float(np.clip((high - level) / (high - low), 0.0, 1.0) if high > low else 0.5)
 
 
-def _ring(
-    wall: WallMap, seen: np.ndarray, start_mm: float, length_mm: float, height_mm: float, pipe: NominalPipe
-) -> Defect:
+def _ring(seen: np.ndarray, start_mm: float, length_mm: float, height_mm: float, pipe: NominalPipe) -> Defect:
     """A ring: as wide as the bore goes round, its middle at 12 o'clock by custom."""
     return Defect(
         start_mm=start_mm,
@@ -75,7 +73,7 @@ def _ring(
         depth_mm=height_mm,
         theta_rad=0.0,
         wall_loss_pct=0.0,
-        length_std_mm=EDGE_STD_CELLS * wall.cell_z_mm,
+        length_std_mm=LENGTH_STD_MM,
         width_std_mm=0.0,
         depth_std_mm=HEIGHT_STD_MM,
         unseen_share=float(1 - seen.mean()),

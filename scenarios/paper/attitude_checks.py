@@ -107,23 +107,30 @@ def eq21() -> Found:
     return difference(np.abs(said[0].T @ said[1] - true).max(), "", 1e-9)
 
 
-def eq23() -> Found:
-    """What the printed product, and what the one that the text means, make of a roll."""
-    R_1, R_i = Rotation.identity(), Rotation.from_euler("z", TURN_DEG, degrees=True)
-    printed, meant = (np.degrees((left.inv() * R_i).magnitude()) for left in (R_i, R_1))
-    said = f"as printed {printed:.1f} deg for a roll of {TURN_DEG:g}; with R_c1 on the left {meant:.1f} deg"
-    return Found(said, "a slip of the pen: taken as R_c1^T R_ci")
-
-
-def eq24() -> Found:
-    """The pose by the IMU's roll against the true one."""
+def _rolled() -> tuple[Rotation, Rotation, Rotation]:
+    """The camera's attitude before and after a roll, and the turn since the first that our odometry makes of it."""
     from algorithms.localisation.paper import PaperSettings, attitude_now
 
     rig, first = preset_rig(), Rotation.from_euler("x", -90, degrees=True)
     rolled = first * Rotation.from_euler("z", TURN_DEG, degrees=True)
     frame = _frame(rolled, [0.0], 0, rig)
     R, _ = attitude_now(np.eye(3), first.as_matrix(), frame, rig, np.array([0.0, 0.0, 1.0]), None, PaperSettings())
-    left = np.degrees((Rotation.from_matrix(R).inv() * first.inv() * rolled).magnitude())
+    return first, rolled, Rotation.from_matrix(R)
+
+
+def eq23() -> Found:
+    """What the printed product makes of a roll, and what ours does."""
+    _, rolled, turn = _rolled()
+    printed, ours = (np.degrees(one.magnitude()) for one in (rolled.inv() * rolled, turn))
+    said = f"as printed {printed:.1f} deg for a roll of {TURN_DEG:g}; with R_c1 on the left {ours:.1f} deg"
+    held = printed < 1e-6 and abs(ours - TURN_DEG) < 1e-6
+    return Found(said, "a slip of the pen: taken as R_c1^T R_ci" if held else verdict(False))
+
+
+def eq24() -> Found:
+    """What is left of a roll when data are turned back by it."""
+    first, rolled, turn = _rolled()
+    left = np.degrees((turn.inv() * first.inv() * rolled).magnitude())
     return Found(f"{left:.1e} deg left of a roll of {TURN_DEG:g} deg", verdict(left < 1e-6))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from scenarios.paper.checked import DOES_NOT
 from scenarios.paper.entries import ENTRIES, Entry
-from scenarios.paper.made import NOT_MADE
+from scenarios.paper.made import NOT_MADE, fidelity
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.plain_rows import text_table
 from scenarios.run_folder import whole_file
@@ -43,12 +43,13 @@ def _row(entry: Entry, root: Path) -> Row:
         read = entry.reads(root)
         found += [] if found and read is NOT_MADE else [read]
     last = found[-1]  # what a command measured says more than the same equation by hand
+    sees = fidelity(root, entry.command) if entry.reads and last is not NOT_MADE else ""
     return {
         "item": entry.item,
         "what": entry.what,
         "where": entry.where,
         "command": f"pipetwin {entry.command}",
-        "ours": last.ours,
+        "ours": last.ours + (f" ({sees})" if sees else ""),
         "theirs": entry.theirs,
         "verdict": last.verdict,
     }

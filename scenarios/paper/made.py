@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,19 @@ def read(root: Path, file: str) -> Any | None:
         return json.loads(path.read_text())
     except ValueError as error:
         raise BadInput([f"{path}: is no JSON: {error}; make it again"]) from error
+
+
+def fidelity(root: Path, command: str) -> str:
+    """How the frames were made that a command's folder rests on; nothing where it rests on none."""
+    verb, name = command.split()[:2]
+    file = (
+        root
+        / ("paper" if verb == "paper" else "runs")
+        / (name if verb == "paper" else f"{name}-seed0")
+        / "scenario.yaml"
+    )
+    said = re.search(r"^ *fidelity: (\w+)$", file.read_text(), re.MULTILINE) if file.is_file() else None
+    return said.group(1) if said else ""
 
 
 def by(rows: list[Row], key: str, value: Any) -> Row:

@@ -370,6 +370,14 @@ def test_gaps_of_a_wall_that_few_rings_looked_at_are_no_holes():
     assert _measure(replace(wall, count=np.minimum(wall.count, 1))) == ()
 
 
+def test_lines_between_rings_that_cross_are_no_holes():
+    slanted = _map(_pipe(), hide=lambda theta, z: np.abs(z - 100 - 76.2 * (theta - 2.0) / 3) < 1.5)
+    slanted.radius_mm[:100], slanted.count[:100] = 76.2, 4
+    slanted.radius_mm[140:], slanted.count[140:] = 76.2, 4
+    assert not slanted.seen.all()
+    assert _measure(slanted) == ()
+
+
 def test_where_everything_is_a_defect_it_is_one_and_cut():
     wall = _map(_pipe(), length=60)
     deep = np.random.default_rng(0).normal(3, 0.03, wall.radius_mm.shape)

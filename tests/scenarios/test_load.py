@@ -126,12 +126,12 @@ def test_a_true_rig_states_only_what_differs() -> None:
             "kind: pit",
             "kind: pitt",
             "s.yaml:7:14: pipe.features.0.kind: got 'pitt'; "
-            "must be one of pocket, pit, scratch, corrosion; did you mean pit",
+            "must be one of pocket, pit, scratch, corrosion, dent, hole; did you mean pit",
         ),
         (
             "kind: pit, ",
             "",
-            "s.yaml:7:7: pipe.features.0.kind: got nothing; must be one of pocket, pit, scratch, corrosion",
+            "s.yaml:7:7: pipe.features.0.kind: got nothing; must be one of pocket, pit, scratch, corrosion, dent, hole",
         ),
         (
             "kind: gantry",

@@ -65,6 +65,9 @@ def test_a_result_is_read_and_judged(tmp_path):
 
     assert table4(99.0, 98.0, 97.5) == ("99.0 / 98.0 / 97.5 %", "better")
     assert table4(99.0, 98.0, 60.0).verdict == DOES_NOT
+    (tmp_path / "paper" / "table4" / "scenario.yaml").write_text("sensing:\n  fidelity: points\n")
+    row = index._row(next(entry for entry in ENTRIES if entry.item == "Table 4"), tmp_path)
+    assert row["ours"] == "99.0 / 98.0 / 60.0 % (points)"
     (tmp_path / "paper" / "table4" / "table4.json").write_text("{")
     with pytest.raises(BadInput, match=r"table4\.json: is no JSON"):
         made.table4(tmp_path)
