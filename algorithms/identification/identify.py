@@ -12,7 +12,7 @@ from algorithms.identification import inertial, picture_noise, slits
 from algorithms.identification.bore import bore
 from algorithms.identification.estimate import Estimate, Quantity, Unknown, about, of_blocks, of_share
 from algorithms.identification.inertial import Imu
-from algorithms.identification.scan import Walk
+from algorithms.identification.scan import COMMON_PRIOR_PCT, Walk
 from algorithms.identification.shaking import Band, vibration
 from algorithms.identification.slits import SlitFigures
 from algorithms.identification.way import Way, path_quantities, rows_by_wheels, rows_of
@@ -52,6 +52,8 @@ def identify_log(recording: Recording, walked: Walk) -> Identified:
     out |= _wheel_quantities(wheels, agreed, walked)
     out |= _inertial_quantities(imu, recording, way)
     out |= _frame_quantities(recording, walked)
+    if isinstance(doubt := out["wheel_common_scale_pct"], Unknown) and "no scale" in doubt.reason:
+        out["travel_mm"] = doubt
     bands = shaking(imu, recording.rig.imu, out)
     return Identified(
         out,
@@ -150,10 +152,13 @@ def _common_scale(agreed_mm: Float[np.ndarray, "k"], walked: Walk) -> Quantity:
     way, counted = walked.found.trajectory, float(np.ptp(agreed_mm))
     went = float(np.ptp(way.T_pipe_camera[:, 2, 3]))
     std_pct = 100 * float(np.sqrt(way.covariance[-1, 2, 2])) / max(counted, 1e-9)
+    off_pct = 100 * (went / max(counted, 1e-9) - 1)
+    if abs(off_pct) > COMMON_PRIOR_PCT:
+        return Unknown(f"the filter puts the way {off_pct:+.1f} % off the wheels, which no scale of theirs explains")
     if std_pct > TOLD_PCT:
         return Unknown(f"what several rings saw of the same wall tells it to {std_pct:.1f} % only, encoders not at all")
     words = "what several rings saw of the same wall, against the wheels; slip that all share is in it"
-    return about(100 * (went / counted - 1), std_pct, int(np.count_nonzero(way.registered)), words)
+    return about(off_pct, std_pct, int(np.count_nonzero(way.registered)), words)
 
 
 def _inertial_quantities(imu: Imu, recording: Recording, way: Trajectory | None) -> dict[str, Quantity]:
