@@ -148,7 +148,7 @@ def test_rest_and_motion_come_from_the_wheels():
     stamps = (np.arange(1000) * 1e7).astype(np.int64)
     way = rolled()
     rest, moving = (of(stamps, stamps, way) for of in (rest_by_wheels, motion_by_wheels))
-    assert rest[30:145].all()
+    assert rest[30:135].all()
     assert not rest[150:].any()
     assert moving[200:950].all()
     assert not moving[:130].any()
