@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
@@ -154,15 +154,19 @@ def export(
 ) -> None:
     """Write a study's rows as tables into its folder, or a run in a format that other tools open."""
     if (folder / "reconstruction").is_dir():
-        from scenarios.field.export import export_run
+        from scenarios.field.run_formats import export_run
 
         print(export_run(folder, to, out))
         return
+    from scenarios.document import BadInput
     from scenarios.study.conduct import opened
+    from scenarios.study.export import Format
     from scenarios.study.export import export as write
 
+    if to not in get_args(Format):
+        raise BadInput([f"--to: got {to}; a study is exported to one of {', '.join(get_args(Format))}"])
     with opened(folder) as ledger:
-        for file in write(ledger, folder, to):
+        for file in write(ledger, folder, cast(Format, to)):
             print(file)
 
 

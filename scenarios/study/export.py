@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_type_hints
 
 from scenarios.document import BadInput
 from scenarios.run_folder import whole_file
@@ -20,20 +20,18 @@ FIRST = ("key", "point", "method", "seed")
 LAST = ("state", "cause", "error")
 DEFECT_COLUMNS = ("key", "defect", *(f"{size}_{kind}" for kind in ("true", "measured") for size in SIZES), "found")
 
+Format = Literal["csv", "parquet"]
 Table = tuple[dict[str, str], Iterator[list[Any]]]
 """Columns with their types (int, float or text), and rows."""
 
 
-def export(ledger: Ledger, folder: Path, to: str) -> list[Path]:
+def export(ledger: Ledger, folder: Path, to: Format) -> list[Path]:
     """Write `runs` and `defects` into a folder; returns the files.
 
     Raises:
-        BadInput: for another format, when a file cannot be written, or when the package for it is not there.
+        BadInput: when a file cannot be written, or the package for it is not there.
     """
-    writers = {"csv": _write_csv, "parquet": _write_parquet}
-    if to not in writers:
-        raise BadInput([f"--to: got {to}; a study is exported to one of {', '.join(writers)}"])
-    write = writers[to]
+    write = {"csv": _write_csv, "parquet": _write_parquet}[to]
     files = []
     for name, (columns, rows) in {"runs": runs_table(ledger), "defects": defects_table(ledger)}.items():
         file = folder / f"{name}.{to}"

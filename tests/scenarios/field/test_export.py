@@ -14,9 +14,9 @@ from algorithms.types import INWARD, INWARD_RING, NO_LIGHT
 from scenarios.artefacts import write_defects
 from scenarios.cli import app
 from scenarios.document import BadInput
-from scenarios.field.export import FORMATS, export_run
 from scenarios.field.export_tally import tally
 from scenarios.field.found_run import read_found
+from scenarios.field.run_formats import FORMATS, export_run
 from sensor_model.geometry import wall_angle_rad
 
 

@@ -64,7 +64,7 @@ def test_a_cloud_and_a_map_are_one_wall(first, tmp_path):
 def test_stl_out_and_scanned_back_is_the_same_wall(first, tmp_path):
     import trimesh
 
-    from scenarios.field.export import export_run
+    from scenarios.field.run_formats import export_run
 
     mesh = trimesh.load(export_run(first, "stl", tmp_path / "wall.stl"))
     file = scenario_of(tmp_path / "spool", "wall.ply")
