@@ -14,6 +14,7 @@ import typer
 from scenarios import calibrate_commands
 from scenarios.bench.commands import app as bench_commands
 from scenarios.cores import cores
+from scenarios.field import commands as field_commands
 from scenarios.paper.commands import app as paper_commands
 from scenarios.study import commands as study_commands
 from scenarios.trust import commands as trust_commands
@@ -213,6 +214,7 @@ def doctor(as_json: AsJson = False) -> None:
 
 trust_commands.register(app)
 study_commands.register(app)
+field_commands.register(app)
 
 
 def _figure(value: Any) -> str:

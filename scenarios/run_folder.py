@@ -15,12 +15,13 @@ from scenarios.document import BadInput
 
 MARK = "run.json"  # the last file of a run; a folder without it is not ours to replace
 RUN_PARTS = {"scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html", "view.html"}
+FIELD_PARTS = {"export", "method.yaml", "health.json"}
 BENCH_PARTS = {"rows.csv", "pairs.csv", "frames.csv", "report.html", "artefacts.json", "artefacts.csv"}
 PAPER_NAMES = [f"table{n}" for n in (1, 2, 3, 4)] + [f"fig{n}" for n in (5, 11, 12, 14, 15, 16, 17, 18)]
 PAPER_PARTS = {f"{name}.{ending}" for name in PAPER_NAMES for ending in ("json", "csv", "png")}
 FIG7_PARTS = {"log.csv", "poses.csv", "fig7.yaml", "fig7-imu.html"}
 TRUST_PARTS = {"pod.json", "curve.csv", "gauge.json", "performance.json", "rows.json", "looks.csv", "looks.json"}
-PARTS = {MARK} | RUN_PARTS | BENCH_PARTS | PAPER_PARTS | FIG7_PARTS | TRUST_PARTS
+PARTS = {MARK} | RUN_PARTS | FIELD_PARTS | BENCH_PARTS | PAPER_PARTS | FIG7_PARTS | TRUST_PARTS
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
@@ -123,3 +124,24 @@ def whole_file(target: Path) -> Iterator[Path]:
         work.replace(target)
     finally:
         work.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(target: Path) -> Iterator[Path]:
+    """Give an empty folder beside the target, which becomes the target when the block ends well.
+
+    Raises:
+        BadInput: when the target is there already, or cannot be written.
+    """
+    work = target.with_name(f".{target.name}.partial-{secrets.token_hex(4)}")
+    try:
+        if target.exists() or target.is_symlink() or not target.name:
+            raise BadInput([f"{target}: is there already; remove it, or choose another place with -o"])
+        work.mkdir(parents=True)
+    except (OSError, ValueError) as error:
+        raise BadInput([f"{target}: cannot be written: {_why(error)}"]) from error
+    try:
+        yield work
+        work.rename(target)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""The commands `study`, `tune`, `status`, `export` and `cache`: each parses, calls one function and prints."""
+"""The commands `study`, `tune`, `status` and `cache`: each parses, calls one function and prints."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,7 +23,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
-    for command in (study, tune, status, export, cache):
+    for command in (study, tune, status, cache):
         app.command()(command)
 
 
@@ -109,19 +109,6 @@ def status(folder: StudyFolder, as_json: AsJson = False) -> None:
         print(f"failed: {failure['key']} {failure['method']} seed {failure['seed']}: {failure['error']}")
     if facts["failed"] > len(failures):
         print(f"and {facts['failed'] - len(failures)} more; `pipetwin export` has them all")
-
-
-def export(
-    folder: StudyFolder,
-    to: Annotated[Literal["csv", "parquet"], typer.Option("--to", help="Which kind of file.")] = "csv",
-) -> None:
-    """Write a study's rows as `runs` and `defects` tables into its folder."""
-    from scenarios.study.conduct import opened
-    from scenarios.study.export import export as write
-
-    with opened(folder) as ledger:
-        for file in write(ledger, folder, to):
-            print(file)
 
 
 def cache(
