@@ -22,7 +22,7 @@ from sensor_model.settings import Settings
 
 MAX_FILE_BYTES = 64 * 2**20
 MAX_LOG_BYTES = 2**30
-STAMP_DIGITS = 18
+STAMP_DIGITS, LATEST_NS = 19, 2**63 - 1  # a present-day stamp has 19 digits
 QUATERNION_TOLERANCE = 0.05
 SLIT_PIXELS_SUFFIX = ".npy"
 SLIT_PIXEL = np.dtype([("pixel", "<f8", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")])
@@ -150,6 +150,7 @@ class Recording:
 
 
 def _check_frame_file(file: Path) -> None:
+    refuse_link(file)
     if not file.is_file():
         raise BadRecording(f"{file}: missing frame, named in {file.parent.parent / 'data.csv'}")
     size = file.stat().st_size
@@ -239,16 +240,18 @@ def write_logs(
     pipe: NominalPipe,
     imu_stamps_ns: Int[np.ndarray, "n"],
     imu: Float[np.ndarray, "n 6"],
-    q_world_imu_wxyz: Float[np.ndarray, "n 4"],
+    q_world_imu_wxyz: Float[np.ndarray, "m 4"],
     encoder_stamps_ns: Int[np.ndarray, "k"],
     counts: Int[np.ndarray, "k wheels"],
+    orientation_stamps_ns: Int[np.ndarray, "m"] | None = None,
 ) -> None:
-    """Write the rig, the nominal pipe and everything but the frames."""
+    """Write the rig, the nominal pipe and everything but the frames; attitudes come with the IMU unless said when."""
     folder.mkdir(parents=True, exist_ok=True)
     save_settings(rig, folder / "rig.yaml")
     save_settings(pipe, folder / "pipe.yaml")
     _write_csv(folder / "imu0" / "data.csv", COLUMNS["imu0"], imu_stamps_ns, imu, "%.9g")
-    _write_csv(folder / "orientation0" / "data.csv", COLUMNS["orientation0"], imu_stamps_ns, q_world_imu_wxyz, "%.9g")
+    of_attitude = imu_stamps_ns if orientation_stamps_ns is None else orientation_stamps_ns
+    _write_csv(folder / "orientation0" / "data.csv", COLUMNS["orientation0"], of_attitude, q_world_imu_wxyz, "%.9g")
     wheels = ",".join(f"wheel{i} [counts]" for i in range(counts.shape[1]))
     _write_csv(folder / "encoders0" / "data.csv", wheels, encoder_stamps_ns, counts, "%d")
 
@@ -262,7 +265,7 @@ def write_frame_list(folder: Path, stamps_ns: Int[np.ndarray, "frames"], suffix:
     return tuple(f"cam0/data/{name}" for name in names)
 
 
-def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
+def read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and numbers of one sensor's file.
 
     Raises:
@@ -293,9 +296,9 @@ def open_recording(folder: Path) -> Recording:
     """
     rig = _read_settings(Rig, folder / "rig.yaml")
     pipe = _read_settings(NominalPipe, folder / "pipe.yaml")
-    imu_stamps, imu = _read_csv(folder / "imu0" / "data.csv", 6)
-    orientation_stamps, q = _read_csv(folder / "orientation0" / "data.csv", 4)
-    encoder_stamps, counts = _read_csv(folder / "encoders0" / "data.csv", len(rig.wheels.diameters_mm))
+    imu_stamps, imu = read_csv(folder / "imu0" / "data.csv", 6)
+    orientation_stamps, q = read_csv(folder / "orientation0" / "data.csv", 4)
+    encoder_stamps, counts = read_csv(folder / "encoders0" / "data.csv", len(rig.wheels.diameters_mm))
     lengths = np.linalg.norm(q, axis=1)
     if (np.abs(lengths - 1) > QUATERNION_TOLERANCE).any():
         row = int(np.argmax(np.abs(lengths - 1)))
@@ -323,6 +326,7 @@ def open_recording(folder: Path) -> Recording:
 
 
 def _read_settings(kind: type[AnySettings], path: Path) -> AnySettings:
+    refuse_link(path)
     try:
         return load_settings(kind, path)
     except (OSError, ValueError) as error:
@@ -344,12 +348,23 @@ def _read_frame_list(folder: Path) -> tuple[np.ndarray, tuple[str, ...]]:
     return np.array(stamps, dtype=np.int64), tuple(files)
 
 
+def refuse_link(path: Path) -> None:
+    """A log from elsewhere may name no file outside its folder.
+
+    Raises:
+        BadRecording: for a symbolic link.
+    """
+    if path.is_symlink() or path.parent.is_symlink():
+        raise BadRecording(f"{path}: a symbolic link; the files of a log must lie in its own folder")
+
+
 def _csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and fields of a log, without its comments.
 
     Raises:
         BadRecording: for a file that is missing, too large, or no text.
     """
+    refuse_link(path)
     if not path.is_file():
         raise BadRecording(f"{path}: missing")
     if path.stat().st_size > MAX_LOG_BYTES:
@@ -366,7 +381,7 @@ def _csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 def _stamp_ns(path: Path, line: int, text: str, before: list[int]) -> int:
     """A stamp that comes after the last one."""
-    if not (text.isascii() and text.isdigit() and len(text) <= STAMP_DIGITS):
+    if not (text.isascii() and text.isdigit() and len(text) <= STAMP_DIGITS and int(text) <= LATEST_NS):
         raise BadRecording(f"{path}:{line}: {text!r}; a stamp in ns, at most {STAMP_DIGITS} digits, is expected")
     if before and int(text) <= before[-1]:
         raise BadRecording(f"{path}:{line}: stamp {text} does not come after {before[-1]}")

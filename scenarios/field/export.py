@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, get_args
 
 from scenarios.document import BadInput, nearest
 from scenarios.field.export_bag import write_mcap, write_rosbag2
+from scenarios.field.export_video import write_video
 from scenarios.study.export import Format as StudyFormat
 from scenarios.study.export import export as write_tables
 from scenarios.study.ledger import FILE as LEDGER
@@ -23,6 +24,7 @@ class RunFormat(NamedTuple):
 RUN_FORMATS = {
     "mcap": RunFormat(write_mcap, "recording.mcap"),
     "rosbag2": RunFormat(write_rosbag2, "rosbag2"),
+    "video": RunFormat(write_video, "video"),
 }
 
 

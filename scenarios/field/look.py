@@ -1,0 +1,113 @@
+"""One frame of a log as its worker sees it: the slits found in it, and how its picture was exposed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from algorithms.method import Method
+from algorithms.reconstruct import see
+from algorithms.types import FrameResult
+from scenarios.run import opened
+from sensor_model.recording import BadRecording, Recording, SlitPixels
+
+BRIGHT, BLACK = 250, 8  # of 255: a channel that is full, and a pixel without light
+EVERY_PX = 4
+SECTORS = 72
+NO_SLITS = SlitPixels(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
+
+
+class Look(NamedTuple):
+    """What a frame showed. Shares and level (0 to 1) are NaN without a picture; `fault`: why it cannot be read."""
+
+    seen: SlitPixels
+    digest: bytes
+    level: float = float("nan")
+    full_share: float = float("nan")
+    black_share: float = float("nan")
+    fault: str = ""
+
+
+def look_at(folder: str, index: int, method: Method) -> Look:
+    """Read and decode one frame; one that cannot be read shows nothing, and says why."""
+    recording = opened(folder)
+    return look(recording, index, method)
+
+
+def look(recording: Recording, index: int, method: Method) -> Look:
+    """Read and decode one frame of an open recording."""
+    try:
+        frame = recording[index]
+    except (BadRecording, OSError) as error:
+        return Look(NO_SLITS, b"", fault=str(error))
+    seen = see(frame, recording.rig, method)
+    if frame.picture is None:
+        return Look(seen, _digest(seen.pixel))
+    return Look(seen, _digest(frame.picture), *_exposure(frame.picture))
+
+
+def _digest(values: np.ndarray) -> bytes:
+    return blake2b(np.ascontiguousarray(values).data, digest_size=8).digest()
+
+
+def _exposure(picture: UInt8[np.ndarray, "height width 3"]) -> tuple[float, float, float]:
+    """Mean level, share of pixels with a full channel, share of black ones, of every fourth pixel either way."""
+    some = picture[::EVERY_PX, ::EVERY_PX]
+    brightest = some.max(axis=2)
+    return float(some.mean() / 255), float((brightest >= BRIGHT).mean()), float((brightest <= BLACK).mean())
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What was gathered frame by frame: exposure, and what the rings said before their points went into the map.
+
+    `ring_off_mm` is the median distance of each slit's points from the fitted wall, NaN where there are none;
+    `sectors` the share of all slits found in each sector of the picture, clockwise from its top.
+    """
+
+    digest: list[bytes]
+    fault: list[str]
+    exposure: list[tuple[float, float, float]]
+    ring_off_mm: list[Float[np.ndarray, "slits"]]
+    slits: list[Float[np.ndarray, "slits"]]
+    sectors: list[Float[np.ndarray, "sectors"]]
+    noise_scale: list[float]
+
+
+def begin_watch() -> Watched:
+    """Nothing was seen yet."""
+    return Watched([], [], [], [], [], [], [])
+
+
+def watch(watched: Watched, frame: Look, result: FrameResult, recording: Recording, azimuths: int) -> None:
+    """Take one frame in."""
+    slits = len(recording.rig.projector.slits)
+    watched.digest.append(frame.digest)
+    watched.fault.append(frame.fault)
+    watched.exposure.append((frame.level, frame.full_share, frame.black_share))
+    watched.ring_off_mm.append(_ring_off_mm(result, slits))
+    watched.noise_scale.append(result.alignment.noise_scale)
+    watched.slits.append(np.bincount(frame.seen.slit, minlength=slits) / azimuths)
+    middle = np.array([recording.rig.camera.cx_px, recording.rig.camera.cy_px])
+    out = frame.seen.pixel - middle
+    turn = np.mod(np.arctan2(out[:, 0], -out[:, 1]) / (2 * np.pi), 1.0)
+    sector = np.minimum((turn * SECTORS).astype(np.int64), SECTORS - 1)
+    watched.sectors.append(np.bincount(sector, minlength=SECTORS) * SECTORS / (azimuths * slits))
+
+
+def _ring_off_mm(result: FrameResult, slits: int) -> Float[np.ndarray, "slits"]:
+    """How far outside the fitted wall each slit's points lie, in the middle."""
+    off, T = np.full(slits, np.nan), result.alignment.T_pipe_camera
+    if not result.alignment.converged:
+        return off
+    place = result.points.xyz_mm @ T[:2, :3].T + T[:2, 3]
+    out_mm = np.hypot(place[:, 0], place[:, 1]) - result.alignment.radius_mm
+    for slit in range(slits):
+        of_slit = result.kept & (result.points.ring == slit)
+        if of_slit.any():
+            off[slit] = np.median(out_mm[of_slit])
+    return off
