@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 Verdict = Literal["good", "weak", "bad"]
 WORST: tuple[Verdict, ...] = ("bad", "weak", "good")
 
@@ -18,7 +20,7 @@ class Finding(NamedTuple):
     means: str = ""
 
 
-def finding(part: str, name: str, says: str, weak: bool, bad: bool, means: str) -> Finding:
+def finding(part: str, name: str, says: str, weak: bool | np.bool_, bad: bool | np.bool_, means: str) -> Finding:
     """A finding by two limits; what it means is said only where it is not good."""
     verdict: Verdict = "bad" if bad else "weak" if weak else "good"
     return Finding(part, name, verdict, says, "" if verdict == "good" else means)

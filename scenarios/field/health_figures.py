@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from algorithms.localisation.wheels import wheel_distances_mm
 from scenarios.field.replay import Replay
@@ -21,10 +22,11 @@ def light_over_time(replay: Replay) -> Picture:
     lost = np.array([bool(fault) for fault in watched.fault])
     with drawing(2.9) as figure:
         axes = figure.subplots()
-        axes.plot(at_s, share, color=BLUE, label="slits found")
+        line_s = _broken(at_s)
+        axes.plot(line_s, share, color=BLUE, label="slits found")
         if np.isfinite(level).any():
-            axes.plot(at_s, level, color=GREEN, label="mean level of the picture")
-            axes.plot(at_s, full, color=VERMILION, label="pixels that are full")
+            axes.plot(line_s, level, color=GREEN, label="mean level of the picture")
+            axes.plot(line_s, full, color=VERMILION, label="pixels that are full")
         if lost.any():
             axes.plot(at_s[lost], share[lost], "x", color=BLACK, label=f"not readable ({int(lost.sum())})")
         axes.set_ylim(0, 105)
@@ -35,9 +37,16 @@ def light_over_time(replay: Replay) -> Picture:
         return to_picture(
             figure,
             f"Decode yield over time, {float(np.median(share)):.0f} % in the middle frame, with the exposure of each.",
-            "Share of all slits and azimuths found in each frame, and how the frame was exposed. A gap in the line's "
-            "points is a gap in the log.",
+            "Share of all slits and azimuths found in each frame, and how the frame was exposed. Where frames "
+            "are missing the lines are broken.",
         )
+
+
+def _broken(at_s: Float[np.ndarray, "frames"]) -> Float[np.ndarray, "frames"]:
+    """Times with a hole at the frame after a gap, so that no line is drawn across it."""
+    steps = np.diff(at_s, prepend=at_s[0])
+    usual = np.median(steps[1:]) if steps.size > 1 else np.inf
+    return np.where(steps > 2.5 * usual, np.nan, at_s)
 
 
 def wheels_over_time(recording: Recording) -> Picture:

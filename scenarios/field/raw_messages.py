@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from io import BytesIO
+from io import BufferedIOBase, BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 from scenarios.document import BadInput
 
@@ -60,7 +60,7 @@ def mcap_messages(file: Path, remarks: list[str]) -> Iterator[Raw]:
             )
 
 
-def _records(file: Path, stream: BinaryIO) -> Iterator[tuple[int, memoryview]]:
+def _records(file: Path, stream: BufferedIOBase) -> Iterator[tuple[int, memoryview]]:
     """Code and content of every record at one level."""
     while head := stream.read(9):
         if len(head) < 9:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from algorithms.method import Method
@@ -63,7 +63,7 @@ def replay(log: Path, told: Told, method: Method | None, out: Path, workers: int
             write_page(result, log.name, folder / "report.html")
         said = {**versions(), "log": log.name, **effort(seconds, peaks_kb)}
         (folder / "run.json").write_text(json.dumps(said, indent=1) + "\n")
-    return result
+    return replace(result, recording=replace(result.recording, folder=out / "recording"))
 
 
 def method_of(log: Path) -> Method:
