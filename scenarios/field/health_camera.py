@@ -47,7 +47,7 @@ def _unreadable(watched: Watched) -> Finding:
 
 def _without_folder(fault: str) -> str:
     """The fault without the path of a folder that is gone by the time it is read."""
-    return fault[fault.find("cam0/") :] if "cam0/" in fault else fault
+    return fault[fault.find("cam0/") :].split(", named in")[0] if "cam0/" in fault else fault
 
 
 def _repeated(recording: Recording, watched: Watched) -> Finding:

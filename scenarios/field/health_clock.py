@@ -12,6 +12,7 @@ from sensor_model.recording import Recording
 LONG_GAP_S = 1.0
 UNEVEN_SHARE = 0.3  # a step that is off by this share of the usual one is uneven
 MOST_NAMED = 3
+FASTEST_HZ = 5000.0
 
 
 def rates_hz(recording: Recording) -> dict[str, float | int | None]:
@@ -34,7 +35,7 @@ def _rate_hz(stamps_ns: Int[np.ndarray, "n"]) -> float | None:
 
 def clock_findings(recording: Recording) -> list[Finding]:
     """What the stamps show."""
-    return [_rates(recording), _gaps(recording), _dropped(recording), _uneven(recording)]
+    return [_rates(recording), _covered(recording), _gaps(recording), _dropped(recording), _uneven(recording)]
 
 
 def _rates(recording: Recording) -> Finding:
@@ -42,7 +43,24 @@ def _rates(recording: Recording) -> Finding:
     says = ", ".join(f"{name} {rate:.4g} Hz" if rate else f"{name} one sample" for name, rate in rates.items())
     slow = [name for name, rate in rates.items() if name != "cam0" and rate and rates["cam0"] and rate < rates["cam0"]]
     means = f"{', '.join(slow)} is slower than the camera: what lies between its samples is interpolated."
-    return finding("clock", "rates", says, bool(slow), False, means)
+    impossible = any(rate is not None and not 0.2 < rate < FASTEST_HZ for rate in rates.values())
+    if impossible:
+        means = "No such sensor is that fast or slow: stamps are in another unit than ns, or were made up."
+    return finding("clock", "rates", says, bool(slow) or impossible, impossible, means)
+
+
+def _covered(recording: Recording) -> Finding:
+    frames, wheels = (float(np.ptp(stamps)) for stamps in (recording.frame_stamps_ns, recording.encoder_stamps_ns))
+    share = frames / max(wheels, 1.0)
+    means = "Most of the way was not looked at, or the camera's stamps are in another unit."
+    return finding(
+        "clock",
+        "coverage",
+        f"pictures over {100 * min(share, 1):.0f} % of the wheels' time",
+        share < 0.7,
+        share < 0.1,
+        means,
+    )
 
 
 def _gaps(recording: Recording) -> Finding:

@@ -58,7 +58,7 @@ def _turning(recording: Recording) -> Finding:
     """The gyroscope held against how the attitude turns, over steps long enough for its noise to fade."""
     rates, turned = _rates(recording)
     fast = np.linalg.norm(turned, axis=1) > TURNING_RAD_S
-    if fast.sum() < 10:
+    if fast.sum() < 4:
         return Finding(
             "IMU", "gyroscope", "good", "it hardly turned: the gyroscope cannot be held against the attitude"
         )

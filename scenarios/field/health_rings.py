@@ -9,10 +9,12 @@ import numpy as np
 from algorithms.types import Reconstruction, seen_share
 from scenarios.field.finding import Finding, finding
 from scenarios.field.look import Watched
+from scenarios.field.travel import way
 from sensor_model.recording import Recording
 
 WEAK_APART_MM, BAD_APART_MM = 0.12, 0.6
 INWARD_MM, INWARD_SHARE = 1.5, 0.02
+SURE = 0.02  # of the way, one standard deviation
 
 
 def ring_figures(watched: Watched, found: Reconstruction | None) -> dict[str, float | int | None]:
@@ -48,7 +50,14 @@ def ring_findings(recording: Recording, watched: Watched, found: Reconstruction 
     """What the fitted frames show; without a reconstruction, why there is none."""
     if found is None:
         return [Finding("rings", "registration", "bad", "no frame could be fitted", "There is no result.")]
-    return [_registered(found), _radius(recording, found), _apart(watched), _noise(watched), _inward(found)]
+    return [
+        _registered(found),
+        _radius(recording, found),
+        _apart(watched),
+        _noise(watched),
+        _way(watched),
+        _inward(found),
+    ]
 
 
 def _registered(found: Reconstruction) -> Finding:
@@ -90,6 +99,21 @@ def _noise(watched: Watched) -> Finding:
     says = "not stated by this registration" if np.isnan(scale) else f"points scatter {scale:.2f} times what they state"
     means = "The points are worse than they say of themselves: wrong slits, a rough slide, or a rig that does not fit."
     return finding("rings", "scatter", says, scale > 3, scale > 10, means)
+
+
+def _way(watched: Watched) -> Finding:
+    """The way by the wheels, held against what the rings see again of the wall."""
+    told, turned = way(watched.travel.told), way(watched.travel.turned)
+    means = "Distances and lengths are off by as much: wheels slip, their diameter is another, or stamps do not fit."
+    if not np.isfinite(told.std):
+        reversed_ = turned.std < SURE and abs(turned.more) < 0.2
+        says = (
+            "the rings see the wall the other way round" if reversed_ else "the wall shows nothing to hold it against"
+        )
+        return finding("rings", "way by the wheels", says, reversed_, reversed_, "The wheels' direction is wrong.")
+    says = f"{100 * told.more:+.1f} ± {100 * told.std:.1f} % more than the rings see"
+    off = abs(told.more) - 3 * told.std
+    return finding("rings", "way by the wheels", says, off > 0.005, off > 0.03, means)
 
 
 def _inward(found: Reconstruction) -> Finding:

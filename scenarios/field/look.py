@@ -11,7 +11,8 @@ from jaxtyping import Float, UInt8
 
 from algorithms.method import Method
 from algorithms.reconstruct import see
-from algorithms.types import FrameResult
+from algorithms.types import FrameResult, RingPoints
+from scenarios.field.travel import Travel, travel_on
 from scenarios.run import opened
 from sensor_model.recording import BadRecording, Recording, SlitPixels
 
@@ -76,11 +77,12 @@ class Watched:
     slits: list[Float[np.ndarray, "slits"]]
     sectors: list[Float[np.ndarray, "sectors"]]
     noise_scale: list[float]
+    travel: Travel
 
 
-def begin_watch() -> Watched:
+def begin_watch(recording: Recording) -> Watched:
     """Nothing was seen yet."""
-    return Watched([], [], [], [], [], [], [])
+    return Watched([], [], [], [], [], [], [], Travel(len(recording.rig.projector.slits)))
 
 
 def watch(watched: Watched, frame: Look, result: FrameResult, recording: Recording, azimuths: int) -> None:
@@ -90,6 +92,8 @@ def watch(watched: Watched, frame: Look, result: FrameResult, recording: Recordi
     watched.fault.append(frame.fault)
     watched.exposure.append((frame.level, frame.full_share, frame.black_share))
     watched.ring_off_mm.append(_ring_off_mm(result, slits))
+    if result.alignment.converged:
+        travel_on(watched.travel, kept_points(result), result.alignment)
     watched.noise_scale.append(result.alignment.noise_scale)
     watched.slits.append(np.bincount(frame.seen.slit, minlength=slits) / azimuths)
     middle = np.array([recording.rig.camera.cx_px, recording.rig.camera.cy_px])
@@ -97,6 +101,14 @@ def watch(watched: Watched, frame: Look, result: FrameResult, recording: Recordi
     turn = np.mod(np.arctan2(out[:, 0], -out[:, 1]) / (2 * np.pi), 1.0)
     sector = np.minimum((turn * SECTORS).astype(np.int64), SECTORS - 1)
     watched.sectors.append(np.bincount(sector, minlength=SECTORS) * SECTORS / (azimuths * slits))
+
+
+def kept_points(result: FrameResult) -> RingPoints:
+    """The points of a frame that lie where a wall can be."""
+    points, kept = result.points, result.kept
+    return RingPoints(
+        *(part[kept] for part in (points.xyz_mm, points.ring, points.pixel, points.direction, points.sigma_mm))
+    )
 
 
 def _ring_off_mm(result: FrameResult, slits: int) -> Float[np.ndarray, "slits"]:

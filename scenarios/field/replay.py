@@ -81,7 +81,7 @@ def measure(
 ) -> Replay:
     """The fold over a recording, and what its frames say of the log."""
     jobs = ((str(recording.folder), index, method) for index in range(len(recording)))
-    state, watched = begin(recording.rig, recording.pipe, method), begin_watch()
+    state, watched = begin(recording.rig, recording.pipe, method), begin_watch(recording)
     kept, samples = set(sample_indices(len(recording))), []
     for index, frame in enumerate(spread(look_at, jobs, workers, peaks_kb)):
         result = step(state, recording.frame(index), frame.seen)
