@@ -76,7 +76,8 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
         add_points(state.builder, points, kept, alignment)
     result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
     # the points live on in the map only
-    state.results.append(replace(result, points=_NOTHING, kept=np.zeros(0, dtype=bool)))
+    none = np.zeros(0, dtype=bool)
+    state.results.append(replace(result, points=_NOTHING, kept=none, alignment=replace(alignment, inliers=none)))
     return result
 
 

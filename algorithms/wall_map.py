@@ -20,6 +20,7 @@ from sensor_model.settings import Settings
 INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
 OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
 WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32)])
+MOST_WAITING = 2**20  # in one block: a robot that stands, or goes to and fro, must not fill the memory
 FEW = 40  # up to so many points are sorted fastest by moving each to its place
 
 
@@ -89,7 +90,10 @@ def add_points(builder: MapBuilder, points: RingPoints, kept: Bool[np.ndarray, "
     )
     for k, (begin, end) in enumerate(pairwise([0, *ends.tolist()])):
         if end > begin:
-            builder.waiting.setdefault(first + k, []).append(packed[begin:end])
+            waiting = builder.waiting.setdefault(first + k, [])
+            waiting.append(packed[begin:end])
+            if len(waiting) > FEW and sum(part.size for part in waiting) > MOST_WAITING:
+                _close(builder, first + k)
     # one block of slack for the frames still to come; a hundredth of the points may be astray
     nearest = first + int(np.searchsorted(ends, 0.01 * packed.size, side="right")) - 1
     for b in [b for b in builder.waiting if b < nearest]:

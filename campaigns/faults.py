@@ -324,7 +324,7 @@ FAULTS: dict[str, Fault] = {
         painted(lambda p, t, _: p // 30 if t > 0.6 else p), ("even light", "decode yield", "registration"), True
     ),
     "no pipe at all": Fault(painted(noise), ("registration", "decode yield"), True),
-    "pictures mirrored": Fault(painted(lambda p, *_: p[:, ::-1]), ("way by the wheels", "blind sectors"), True),
+    "pictures mirrored": Fault(painted(lambda p, *_: p[:, ::-1]), ("agreement", "scatter"), True),
     "pictures upside down": Fault(painted(lambda p, *_: p[::-1, ::-1]), ("blind sectors",), True),
 }
 
@@ -339,8 +339,9 @@ def write_base(folder: Path, seed: int, pictures: bool) -> Path:
 
 def replayed(log: Path, work: Path) -> Replay:
     """Measured, without folder or page."""
-    shutil.rmtree(work, ignore_errors=True)
-    recording, remarks = read_log(log, Told(), work, lambda *_: None)
+    work.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(dir=work)) / "recording"  # a process opens a folder once, so each needs its own
+    recording, remarks = read_log(log, Told(), folder, lambda *_: None)
     return measure(recording, method_of(log), remarks, 1, {}, lambda *_: None)
 
 
@@ -387,12 +388,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--only", default="", help="kinds that hold this text")
-    parser.add_argument("--without-pictures", action="store_true")
+    parser.add_argument("--of", choices=("points", "pictures", "both"), default="both")
     given = parser.parse_args()
     wrong, tally = 0, {}
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(given.seeds):
-            for pictures in (False, True)[: 1 if given.without_pictures else 2]:
+            for pictures in {"points": (False,), "pictures": (True,), "both": (False, True)}[given.of]:
                 chosen = {n: f for n, f in FAULTS.items() if f.pictures == pictures and given.only in n}
                 if not chosen:
                     continue
@@ -410,6 +411,7 @@ def main() -> None:
                     what, words = outcome(fault, log, sound, Path(folder) / "work")
                     tally.setdefault(name, []).append(what)
                     wrong += what == "SILENTLY WRONG"
+                    shutil.rmtree(Path(folder) / "work")
                     print(f"{what:<16} {name:<34} {words}", flush=True)
     print(f"{len(tally)} kinds, {sum(map(len, tally.values()))} logs, {wrong} silently wrong")
     sys.exit(bool(wrong))

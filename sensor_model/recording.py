@@ -115,10 +115,10 @@ class Recording:
             IndexError: past the last frame.
             BadRecording: for a picture that cannot be read or has the wrong size.
         """
-        frame, file = self.frame(index), self.folder / self.frame_files[index]
-        if file.suffix == SLIT_PIXELS_SUFFIX:
-            return replace(frame, slit_pixels=_read_slit_pixels(file, len(self.rig.projector.slits)))
-        return replace(frame, picture=self._read_picture(file))
+        frame, content = self.frame(index), read_frame(self.folder / self.frame_files[index], self.rig)
+        if isinstance(content, SlitPixels):
+            return replace(frame, slit_pixels=content)
+        return replace(frame, picture=content)
 
     def frame(self, index: int) -> Frame:
         """One frame without its picture: its stamp and what the other sensors said.
@@ -134,19 +134,27 @@ class Recording:
         span = slice(*np.searchsorted(self.imu_stamps_ns, [since, stamp_ns], side="right"))
         return Frame(index, stamp_ns, None, None, attitude, counts, self.imu_stamps_ns[span], self.imu[span])
 
-    def _read_picture(self, file: Path) -> UInt8[np.ndarray, "height width 3"]:
-        import cv2
 
-        _check_frame_file(file)
-        expected = (self.rig.camera.height_px, self.rig.camera.width_px)
-        # the header first: a small file can unpack to a huge picture
-        size = _png_size(file)
-        if size != expected:
-            raise BadRecording(f"{file}: picture of {size} rows, columns; the rig's camera has {expected}")
-        picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
-        if picture is None or picture.shape[:2] != expected:
-            raise BadRecording(f"{file}: not a picture that can be read")
-        return picture
+def read_frame(file: Path, rig: Rig) -> UInt8[np.ndarray, "height width 3"] | SlitPixels:
+    """What one frame's file holds: an RGB picture, or slit pixels.
+
+    Raises:
+        BadRecording: for a file that cannot be read, or a picture of the wrong size.
+    """
+    if file.suffix == SLIT_PIXELS_SUFFIX:
+        return _read_slit_pixels(file, len(rig.projector.slits))
+    import cv2
+
+    _check_frame_file(file)
+    expected = (rig.camera.height_px, rig.camera.width_px)
+    # the header first: a small file can unpack to a huge picture
+    size = _png_size(file)
+    if size != expected:
+        raise BadRecording(f"{file}: picture of {size} rows, columns; the rig's camera has {expected}")
+    picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
+    if picture is None or picture.shape[:2] != expected:
+        raise BadRecording(f"{file}: not a picture that can be read")
+    return picture
 
 
 def _check_frame_file(file: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from scenarios.cores import cores
+from scenarios.document import BadInput
 
 FAILED = 1
 
@@ -42,16 +43,32 @@ def replay(
     jobs: Annotated[
         int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
     ] = None,
+    live: Annotated[bool, typer.Option("--live", help="Follow a recording while it is written.")] = False,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="Of the live page, on this machine alone; 0 is a free one.")
+    ] = 0,
+    idle_s: Annotated[
+        float, typer.Option("--idle-s", min=0.1, metavar="S", help="A live log that is silent for so long has ended.")
+    ] = 10.0,
 ) -> None:
     """Measure a robot's log by the very code that the twin's logs go through, and say how sound the log is."""
+    from scenarios.field.live import follow
+    from scenarios.field.replay import method_of
     from scenarios.field.replay import replay as replay_log
     from scenarios.field.told import told_by
     from scenarios.progress import Progress
 
     told, settings = told_by(rig, pipe, topics, method)
+    if live and any(told):
+        raise BadInput(
+            ["--live: a growing recording has its own rig.yaml and pipe.yaml; leave --rig, --pipe, --topics out"]
+        )
     out, progress = out or Path("replays") / log.resolve().stem, Progress()
     try:
-        result = replay_log(log, told, settings, out, jobs or cores(), progress)
+        if live:
+            result = follow(log, settings or method_of(log), out, jobs or cores(), port, idle_s, progress)
+        else:
+            result = replay_log(log, told, settings, out, jobs or cores(), progress)
     finally:
         progress.close()
     for one in result.health.findings:

@@ -110,7 +110,7 @@ def _yield_over_time(recording: Recording, watched: Watched) -> Finding:
 
 def _blind(recording: Recording, watched: Watched) -> Finding:
     """Sectors of the picture that hardly ever show a slit, the strut's apart."""
-    seen = np.array(watched.sectors).mean(axis=0)
+    seen = watched.sectors / len(watched.digest)
     blind = (seen < BLIND_SHARE * np.median(seen)) & ~_strut(recording)
     middles = (np.flatnonzero(blind) + 0.5) * 2 * np.pi / SECTORS
     says = f"{blind.sum() * 360 / SECTORS:.0f} degrees of the picture"

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from hashlib import blake2b
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from algorithms.decode import decode
 from algorithms.method import Method
-from algorithms.reconstruct import see
 from algorithms.types import FrameResult, RingPoints
 from scenarios.field.travel import Travel, travel_on
 from scenarios.run import opened
-from sensor_model.recording import BadRecording, Recording, SlitPixels
+from sensor_model.recording import BadRecording, SlitPixels, read_frame
+from sensor_model.rig import Rig
 
 BRIGHT, BLACK = 250, 8  # of 255: a channel that is full, and a pixel without light
 EVERY_PX = 4
@@ -34,21 +36,20 @@ class Look(NamedTuple):
 
 
 def look_at(folder: str, index: int, method: Method) -> Look:
-    """Read and decode one frame; one that cannot be read shows nothing, and says why."""
+    """Look at one frame of a recording."""
     recording = opened(folder)
-    return look(recording, index, method)
+    return look(recording.folder / recording.frame_files[index], recording.rig, method)
 
 
-def look(recording: Recording, index: int, method: Method) -> Look:
-    """Read and decode one frame of an open recording."""
+def look(file: Path, rig: Rig, method: Method) -> Look:
+    """Read and decode one frame; one that cannot be read shows nothing, and says why."""
     try:
-        frame = recording[index]
+        content = read_frame(file, rig)
     except (BadRecording, OSError) as error:
         return Look(NO_SLITS, b"", fault=str(error))
-    seen = see(frame, recording.rig, method)
-    if frame.picture is None:
-        return Look(seen, _digest(seen.pixel))
-    return Look(seen, _digest(frame.picture), *_exposure(frame.picture))
+    if isinstance(content, SlitPixels):
+        return Look(content, _digest(content.pixel))
+    return Look(decode(content, rig, method.decode), _digest(content), *_exposure(content))
 
 
 def _digest(values: np.ndarray) -> bytes:
@@ -67,7 +68,7 @@ class Watched:
     """What was gathered frame by frame: exposure, and what the rings said before their points went into the map.
 
     `ring_off_mm` is the median distance of each slit's points from the fitted wall, NaN where there are none;
-    `sectors` the share of all slits found in each sector of the picture, clockwise from its top.
+    `sectors` the share of all slits found in each sector of the picture, clockwise from its top, summed over frames.
     """
 
     digest: list[bytes]
@@ -75,19 +76,19 @@ class Watched:
     exposure: list[tuple[float, float, float]]
     ring_off_mm: list[Float[np.ndarray, "slits"]]
     slits: list[Float[np.ndarray, "slits"]]
-    sectors: list[Float[np.ndarray, "sectors"]]
+    sectors: Float[np.ndarray, "sectors"]
     noise_scale: list[float]
     travel: Travel
 
 
-def begin_watch(recording: Recording) -> Watched:
+def begin_watch(rig: Rig) -> Watched:
     """Nothing was seen yet."""
-    return Watched([], [], [], [], [], [], [], Travel(len(recording.rig.projector.slits)))
+    return Watched([], [], [], [], [], np.zeros(SECTORS), [], Travel(len(rig.projector.slits)))
 
 
-def watch(watched: Watched, frame: Look, result: FrameResult, recording: Recording, azimuths: int) -> None:
+def watch(watched: Watched, frame: Look, result: FrameResult, rig: Rig, azimuths: int) -> None:
     """Take one frame in."""
-    slits = len(recording.rig.projector.slits)
+    slits = len(rig.projector.slits)
     watched.digest.append(frame.digest)
     watched.fault.append(frame.fault)
     watched.exposure.append((frame.level, frame.full_share, frame.black_share))
@@ -96,11 +97,11 @@ def watch(watched: Watched, frame: Look, result: FrameResult, recording: Recordi
         travel_on(watched.travel, kept_points(result), result.alignment)
     watched.noise_scale.append(result.alignment.noise_scale)
     watched.slits.append(np.bincount(frame.seen.slit, minlength=slits) / azimuths)
-    middle = np.array([recording.rig.camera.cx_px, recording.rig.camera.cy_px])
+    middle = np.array([rig.camera.cx_px, rig.camera.cy_px])
     out = frame.seen.pixel - middle
     turn = np.mod(np.arctan2(out[:, 0], -out[:, 1]) / (2 * np.pi), 1.0)
     sector = np.minimum((turn * SECTORS).astype(np.int64), SECTORS - 1)
-    watched.sectors.append(np.bincount(sector, minlength=SECTORS) * SECTORS / (azimuths * slits))
+    watched.sectors[:] += np.bincount(sector, minlength=SECTORS) * SECTORS / (azimuths * slits)
 
 
 def kept_points(result: FrameResult) -> RingPoints:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from algorithms.method import Method
-from algorithms.reconstruct import ReconstructionFailed, begin, finish, step
+from algorithms.reconstruct import ReconstructionFailed, State, begin, finish, step
 from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
 from scenarios.field.health import Health, examine, write_health
@@ -52,18 +52,29 @@ def replay(log: Path, told: Told, method: Method | None, out: Path, workers: int
             recording, remarks = read_log(log, told, folder / "recording", progress)
         with stage("reconstruct", seconds):
             result = measure(recording, method, remarks, workers, peaks_kb, progress)
-        with stage("write", seconds):
-            save_settings(method, folder / "method.yaml")
-            write_health(result.health, folder / "health.json")
-            if result.found is not None:
-                write_reconstruction(result.found, folder / "reconstruction")
-        with stage("report", seconds):
-            from scenarios.field.page import write_page
-
-            write_page(result, log.name, folder / "report.html")
-        said = {**versions(), "log": log.name, **effort(seconds, peaks_kb)}
-        (folder / "run.json").write_text(json.dumps(said, indent=1) + "\n")
+        write_replay(result, method, log.name, folder, seconds, peaks_kb)
     return replace(result, recording=replace(result.recording, folder=out / "recording"))
+
+
+def write_replay(
+    result: Replay, method: Method, name: str, folder: Path, seconds: dict[str, float], peaks_kb: dict[int, int]
+) -> None:
+    """Everything but the recording into a folder.
+
+    Raises:
+        RunFailed: when something cannot be written.
+    """
+    with stage("write", seconds):
+        save_settings(method, folder / "method.yaml")
+        write_health(result.health, folder / "health.json")
+        if result.found is not None:
+            write_reconstruction(result.found, folder / "reconstruction")
+    with stage("report", seconds):
+        from scenarios.field.page import write_page
+
+        write_page(result, name, folder / "report.html")
+    said = {**versions(), "log": name, **effort(seconds, peaks_kb)}
+    (folder / "run.json").write_text(json.dumps(said, indent=1) + "\n")
 
 
 def method_of(log: Path) -> Method:
@@ -81,20 +92,27 @@ def measure(
 ) -> Replay:
     """The fold over a recording, and what its frames say of the log."""
     jobs = ((str(recording.folder), index, method) for index in range(len(recording)))
-    state, watched = begin(recording.rig, recording.pipe, method), begin_watch(recording)
+    state, watched = begin(recording.rig, recording.pipe, method), begin_watch(recording.rig)
     kept, samples = set(sample_indices(len(recording))), []
     for index, frame in enumerate(spread(look_at, jobs, workers, peaks_kb)):
         result = step(state, recording.frame(index), frame.seen)
-        watch(watched, frame, result, recording, method.decode.azimuths)
+        watch(watched, frame, result, recording.rig, method.decode.azimuths)
         if index in kept:
             samples.append(Sample(index, float(result.alignment.T_pipe_camera[2, 3]), frame.seen))
         progress("reconstruct", index + 1, len(recording))
+    return concluded(recording, state, watched, tuple(samples), remarks)
+
+
+def concluded(
+    recording: Recording, state: State, watched: Watched, samples: tuple[Sample, ...], remarks: list[str]
+) -> Replay:
+    """What a log gave, once its last frame was taken in."""
     found, why = None, ""
     try:
         found = with_gaps(finish(state), recording)
     except ReconstructionFailed as error:
         why = str(error)
-    return Replay(recording, found, why, examine(recording, method, watched, found, remarks), tuple(samples), watched)
+    return Replay(recording, found, why, examine(recording, state.method, watched, found, remarks), samples, watched)
 
 
 def sample_indices(frames: int) -> list[int]:
