@@ -21,7 +21,7 @@ from scenarios.field.live_log import LiveLog, next_due, open_live, read_more
 from scenarios.field.live_page import Live, Server, live_page, serve
 from scenarios.field.look import Watched, begin_watch, watch
 from scenarios.field.read import read_log
-from scenarios.field.replay import Replay, concluded, sample_indices, write_replay
+from scenarios.field.replay import Replay, concluded, sample_indices, write_about, write_replay
 from scenarios.field.told import Told
 from scenarios.run import Report, Sample
 from scenarios.run_folder import run_folder
@@ -141,6 +141,13 @@ def _take(followed: Followed, shown: Shown) -> None:
         followed.late += bool(wait_s > LATE_PERIODS * period_s)
 
 
+def _timely(followed: Followed) -> dict[str, float | int | None]:
+    """How timely the frames were that came while it was followed."""
+    waits = np.array(followed.waits_s)
+    middle, most = (round(float(np.percentile(waits, q)), 4) if waits.size else None for q in (50, 99))
+    return {"frames": followed.live, "late": followed.late, "wait_s_median": middle, "wait_s_99_pct": most}
+
+
 def _so_far(followed: Followed) -> Live:
     """What is known at this moment, without touching the state that goes on."""
     state, latest = followed.state, followed.state.results[-1]
@@ -179,7 +186,8 @@ def _written(followed: Followed, eyes: Eyes, out: Path, progress: Report) -> Rep
         recording, remarks = read_log(log.folder, Told(), folder / "recording", progress)
         samples = tuple(_sample(followed, eyes, index) for index in sample_indices(len(recording)))
         result = concluded(recording, followed.state, followed.watched, samples, remarks)
-        write_replay(result, followed.state.method, log.folder.name, folder, {}, {})
+        write_replay(result, followed.state.method, log.folder.name, folder, {})
+        write_about(log.folder, {"live": _timely(followed)}, folder)
     return replace(result, recording=replace(result.recording, folder=out / "recording"))
 
 

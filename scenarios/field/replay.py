@@ -52,14 +52,13 @@ def replay(log: Path, told: Told, method: Method | None, out: Path, workers: int
             recording, remarks = read_log(log, told, folder / "recording", progress)
         with stage("reconstruct", seconds):
             result = measure(recording, method, remarks, workers, peaks_kb, progress)
-        write_replay(result, method, log.name, folder, seconds, peaks_kb)
+        write_replay(result, method, log.name, folder, seconds)
+        write_about(log, effort(seconds, peaks_kb), folder)
     return replace(result, recording=replace(result.recording, folder=out / "recording"))
 
 
-def write_replay(
-    result: Replay, method: Method, name: str, folder: Path, seconds: dict[str, float], peaks_kb: dict[int, int]
-) -> None:
-    """Everything but the recording into a folder.
+def write_replay(result: Replay, method: Method, name: str, folder: Path, seconds: dict[str, float]) -> None:
+    """Write everything but the recording and `run.json`.
 
     Raises:
         RunFailed: when something cannot be written.
@@ -73,7 +72,11 @@ def write_replay(
         from scenarios.field.page import write_page
 
         write_page(result, name, folder / "report.html")
-    said = {**versions(), "log": name, **effort(seconds, peaks_kb)}
+
+
+def write_about(log: Path, about: dict, folder: Path) -> None:
+    """Write `run.json`, last: of which log, by which versions, and with what effort."""
+    said = {**versions(), "log": log.name, **about}
     (folder / "run.json").write_text(json.dumps(said, indent=1) + "\n")
 
 
