@@ -6,7 +6,7 @@ import json
 import os
 import time
 from collections import deque
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
@@ -41,7 +41,7 @@ class Eyes:
     folder: Path
     rig: Rig
     method: Method
-    pool: ProcessPoolExecutor
+    pool: Executor
     workers: int
     waiting: deque[tuple[Due, Future | Look, float]] = field(default_factory=deque)
 
