@@ -287,6 +287,9 @@ FAULTS: dict[str, Fault] = {
         ("resets and jumps",),
     ),
     "encoder overflow": Fault(counts(lambda _, n: (n + 2**16 - 9000) % 2**16), ("resets and jumps",)),
+    "encoder overflow of 32 bits": Fault(
+        counts(lambda t, n: np.where((t < 0.5)[:, None], n, n + 2**32)), ("resets and jumps",)
+    ),
     "a dead encoder": Fault(counts(lambda _, n: n * [1, 0, 1]), STILL),
     "an encoder dies halfway": Fault(
         counts(lambda t, n: np.where((t < 0.5)[:, None] | [True, False, True], n, n[len(n) // 2])), STILL

@@ -26,6 +26,7 @@ STAMP_DIGITS, LATEST_NS = 19, 2**63 - 1  # a present-day stamp has 19 digits
 QUATERNION_TOLERANCE = 0.05
 SLIT_PIXELS_SUFFIX = ".npy"
 SLIT_PIXEL = np.dtype([("pixel", "<f8", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")])
+LARGEST_COUNT = 2**53  # beyond it a double does not hold every whole number
 LATE_S = 0.2  # how far a frame may lie outside the other sensors' logs
 COLUMNS = {
     "imu0": "w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
@@ -312,6 +313,11 @@ def open_recording(folder: Path) -> Recording:
         row = int(np.argmax(np.abs(lengths - 1)))
         where = f"{folder / 'orientation0' / 'data.csv'}: at stamp {orientation_stamps[row]}"
         raise BadRecording(f"{where}: a quaternion of length {lengths[row]:.3g}; 1 is expected")
+    odd = np.argwhere((counts != np.rint(counts)) | (np.abs(counts) > LARGEST_COUNT))
+    if odd.size:
+        row, wheel = odd[0]
+        where = f"{folder / 'encoders0' / 'data.csv'}: at stamp {encoder_stamps[row]}: wheel {wheel + 1}"
+        raise BadRecording(f"{where}: {counts[row, wheel]:g}; whole counts up to {LARGEST_COUNT} are expected")
     stamps, files = _read_frame_list(folder)
     for name, log in (("imu0", imu_stamps), ("orientation0", orientation_stamps), ("encoders0", encoder_stamps)):
         outside = stamps[(stamps < log[0] - LATE_S * 1e9) | (stamps > log[-1] + LATE_S * 1e9)]

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from algorithms.method import Method
-from algorithms.reconstruct import ReconstructionFailed, State, begin, sized, step, trajectory
+from algorithms.reconstruct import State, begin, sized, step, trajectory
 from algorithms.types import Reconstruction
-from algorithms.wall_map import MapBuilder, finish_map
+from algorithms.wall_map import MapBuilder, MapTorn, finish_map
 from scenarios.document import BadInput
 from scenarios.field.live_eyes import Eyes, Shown, close_eyes, hand_over, next_shown, open_eyes
 from scenarios.field.live_log import LiveLog, next_due, open_live, read_more
@@ -170,13 +170,13 @@ def _measured(state: State) -> tuple[Reconstruction | None, str]:
     """Wall map and defects of the frames so far."""
     builder = state.builder
     copy = MapBuilder(builder.settings, {b: list(p) for b, p in builder.waiting.items()}, dict(builder.done))
-    wall = finish_map(copy)
+    try:
+        wall = finish_map(copy)
+    except MapTorn as error:
+        return None, str(error)
     if not wall.seen.any():
         return None, state.results[-1].alignment.reason or "no point lies where a wall can be"
-    try:
-        return sized(trajectory(state.results[-1:]), wall, state.rig, state.pipe, state.method), ""
-    except ReconstructionFailed as error:
-        return None, str(error)
+    return sized(trajectory(state.results[-1:]), wall, state.rig, state.pipe, state.method), ""
 
 
 def _written(followed: Followed, eyes: Eyes, out: Path, progress: Report) -> Replay:

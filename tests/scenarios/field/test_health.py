@@ -18,7 +18,7 @@ SAMPLE = (
     "clock jumps back",
     "stamps in microseconds",
     "camera frozen",
-    "encoder overflow",
+    "encoder overflow of 32 bits",
     "an encoder dies halfway",
     "all wheels reversed",
     "all wheels 5 % off",
