@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
+from tokenize import TokenError
 from typing import Annotated
 
 import numpy as np
@@ -217,7 +218,7 @@ def _read_header(file: Path, data: bytes) -> tuple[int, int]:
         if np.lib.format.read_magic(text) != (1, 0):
             raise ValueError("version 1.0 of the format is expected")
         shape, _, dtype = np.lib.format.read_array_header_1_0(text)
-    except ValueError as error:
+    except (ValueError, SyntaxError, TokenError, TypeError) as error:  # the header is read as Python's literals are
         raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
     if dtype != SLIT_PIXEL or len(shape) != 1:
         raise BadRecording(f"{file}: shape {shape} of {dtype}; (n,) of {SLIT_PIXEL} is expected")
