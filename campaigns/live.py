@@ -154,11 +154,10 @@ def main() -> None:
         while follower.poll() is None:
             time.sleep(SAMPLE_EVERY_S)
             playing = playing and os.waitpid(player, os.WNOHANG)[0] == 0
-            if not playing:
-                continue  # the pages of the end are another matter
             try:
-                memory.append(memory_mb(follower.pid) or memory[-1])
                 used = max(used, cpu_s(follower.pid))
+                if playing:  # the pages of the end need memory of their own
+                    memory.append(memory_mb(follower.pid) or memory[-1])
             except (OSError, IndexError):
                 continue
             if given.kill_at_s and not killed and time.monotonic() - began > given.kill_at_s:
@@ -182,8 +181,8 @@ def main() -> None:
             again / "reconstruction" / "wall_map.npz", out / "reconstruction" / "wall_map.npz", shallow=False
         )
         print(f"{frames} frames, {about}, late {100 * about['late'] / max(about['frames'], 1):.2f} %")
-        steady = memory[len(memory) // 5 :]
-        print(f"memory {steady[0]:.0f} MB, at most {max(steady):.0f}, at the end {steady[-1]:.0f}")
+        fifths = [f"{np.median(part):.0f}" for part in np.array_split(np.array(memory), 5)]
+        print(f"memory over the fifths of the time: {', '.join(fifths)} MB, at most {max(memory):.0f}")
         print(f"processor {1e3 * used / max(about['frames'], 1):.0f} ms a frame; the same as a replay: {same}")
         sys.exit(not same)
 

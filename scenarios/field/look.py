@@ -19,7 +19,7 @@ from sensor_model.recording import BadRecording, SlitPixels, read_frame
 from sensor_model.rig import Rig
 
 BRIGHT, BLACK = 250, 8  # of 255: a channel that is full, and a pixel without light
-EVERY_PX = 4
+EVERY_PX = 4  # either way, which is enough for exposure, and to know a picture again
 SECTORS = 72
 NO_SLITS = SlitPixels(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
 
@@ -49,16 +49,16 @@ def look(file: Path, rig: Rig, method: Method) -> Look:
         return Look(NO_SLITS, b"", fault=str(error))
     if isinstance(content, SlitPixels):
         return Look(content, _digest(content.pixel))
-    return Look(decode(content, rig, method.decode), _digest(content), *_exposure(content))
+    some = content[::EVERY_PX, ::EVERY_PX]
+    return Look(decode(content, rig, method.decode), _digest(some), *_exposure(some))
 
 
 def _digest(values: np.ndarray) -> bytes:
     return blake2b(np.ascontiguousarray(values).data, digest_size=8).digest()
 
 
-def _exposure(picture: UInt8[np.ndarray, "height width 3"]) -> tuple[float, float, float]:
-    """Mean level, share of pixels with a full channel, share of black ones, of every fourth pixel either way."""
-    some = picture[::EVERY_PX, ::EVERY_PX]
+def _exposure(some: UInt8[np.ndarray, "height width 3"]) -> tuple[float, float, float]:
+    """Mean level, share of pixels with a full channel, share of black ones."""
     brightest = some.max(axis=2)
     return float(some.mean() / 255), float((brightest >= BRIGHT).mean()), float((brightest <= BLACK).mean())
 
