@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from scenarios.cores import cores
-from scenarios.document import BadInput
 
 FAILED = 1
 
@@ -52,6 +51,7 @@ def replay(
     ] = 10.0,
 ) -> None:
     """Measure a robot's log by the very code that the twin's logs go through, and say how sound the log is."""
+    from scenarios.document import BadInput
     from scenarios.field.live import follow
     from scenarios.field.replay import method_of
     from scenarios.field.replay import replay as replay_log
