@@ -21,7 +21,7 @@ from algorithms.sizing.measure import measure_defects
 from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall, WallMap
-from algorithms.wall_map import MapBuilder, add_points, finish_map, on_a_wall, shift_waiting
+from algorithms.wall_map import MapBuilder, MapTorn, add_points, finish_map, on_a_wall, shift_waiting
 from sensor_model.geometry import fast_arctan2
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
@@ -76,7 +76,8 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
         add_points(state.builder, points, kept, alignment)
     result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
     # the points live on in the map only
-    state.results.append(replace(result, points=_NOTHING, kept=np.zeros(0, dtype=bool)))
+    none = np.zeros(0, dtype=bool)
+    state.results.append(replace(result, points=_NOTHING, kept=none, alignment=replace(alignment, inliers=none)))
     return result
 
 
@@ -168,7 +169,10 @@ def mapped(state: State) -> tuple[Trajectory, WallMap]:
     if not any(result.alignment.converged for result in state.results):
         reasons = [result.alignment.reason for result in state.results] or ["there are no frames"]
         raise ReconstructionFailed(f"no frame registered: {max(set(reasons), key=reasons.count)}")
-    wall = finish_map(state.builder)
+    try:
+        wall = finish_map(state.builder)
+    except MapTorn as error:
+        raise ReconstructionFailed(str(error)) from error
     if not wall.seen.any():
         raise ReconstructionFailed("no point lies where a wall can be; check the nominal pipe and the rig")
     look_back = estimator_of(state.method).look_back

@@ -108,6 +108,12 @@ class WallMap:
 INWARD, INWARD_RING, THROUGH, NO_LIGHT = "inward", "inward ring", "through", "no light returned"
 
 
+def seen_share(wall: WallMap) -> float | None:
+    """Share of the scanned wall's cells that were seen; None where nothing was scanned."""
+    seen = wall.seen[:, wall.scanned()]
+    return float(seen.mean()) if seen.size else None
+
+
 @dataclass(frozen=True)
 class Defect:
     """One measured defect; standard deviations beside the sizes.

@@ -20,6 +20,8 @@ from sensor_model.settings import Settings
 INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
 OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
 WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32)])
+MOST_WAITING = 2**20  # in one block: a robot that stands, or goes to and fro, must not fill the memory
+MOST_EMPTY = 1000  # blocks
 FEW = 40  # up to so many points are sorted fastest by moving each to its place
 
 
@@ -89,7 +91,10 @@ def add_points(builder: MapBuilder, points: RingPoints, kept: Bool[np.ndarray, "
     )
     for k, (begin, end) in enumerate(pairwise([0, *ends.tolist()])):
         if end > begin:
-            builder.waiting.setdefault(first + k, []).append(packed[begin:end])
+            waiting = builder.waiting.setdefault(first + k, [])
+            waiting.append(packed[begin:end])
+            if len(waiting) > FEW and sum(part.size for part in waiting) > MOST_WAITING:
+                _close(builder, first + k)
     # one block of slack for the frames still to come; a hundredth of the points may be astray
     nearest = first + int(np.searchsorted(ends, 0.01 * packed.size, side="right")) - 1
     for b in [b for b in builder.waiting if b < nearest]:
@@ -172,8 +177,17 @@ def _joined(a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]) -> tuple[np.nd
     return radius, np.fmax(a[1], b[1]), np.fmax(a[2], b[2]), count
 
 
+class MapTorn(ValueError):
+    """The map would be empty for the most part: the distance leapt."""
+
+
 def finish_map(builder: MapBuilder) -> WallMap:
-    """Close all blocks and lay them end to end."""
+    """Close all blocks and lay them end to end.
+
+    Raises:
+        MapTorn: when next to all of them would be empty.
+    """
+    _check_span(builder)
     for block in list(builder.waiting):
         _close(builder, block)
     around, along = builder.shape
@@ -186,6 +200,17 @@ def finish_map(builder: MapBuilder) -> WallMap:
     theta = (np.arange(around) + 0.5) * 2 * np.pi / around
     z = (np.arange(len(blocks) * along) + (blocks[0] * along if blocks else 0) + 0.5) * builder.settings.cell_z_mm
     return WallMap(theta, z, radius, spread, sigma, count)
+
+
+def _check_span(builder: MapBuilder) -> None:
+    held = builder.waiting.keys() | builder.done.keys()
+    span = max(held) - min(held) + 1 if held else 0
+    if span > MOST_EMPTY + 2 * len(held):
+        low, high = (block * builder.settings.block_mm for block in (min(held), max(held) + 1))
+        share_pct = 100 * len(held) / span
+        raise MapTorn(
+            f"the distance leapt: a map from {low:.0f} to {high:.0f} mm would hold points in {share_pct:.2g} %"
+        )
 
 
 @njit(cache=True, error_model="numpy")

@@ -15,6 +15,7 @@ from scenarios import calibrate_commands
 from scenarios.bench.commands import app as bench_commands
 from scenarios.cores import cores
 from scenarios.fidelity import commands as fidelity_commands
+from scenarios.field import commands as field_commands
 from scenarios.field import identify_commands, pages_commands
 from scenarios.paper.commands import app as paper_commands
 from scenarios.plan import commands as plan_commands
@@ -220,6 +221,7 @@ study_commands.register(app)
 fidelity_commands.register(app)
 plan_commands.register(app)
 pages_commands.register(app)
+field_commands.register(app)
 
 
 def _figure(value: Any) -> str:

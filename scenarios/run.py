@@ -47,15 +47,21 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Run:
-    """Everything that the report shows."""
+class Scan:
+    """What a report shows of any scan, a robot's too."""
+
+    recording: Recording
+    found: Reconstruction
+    samples: tuple[Sample, ...]
+
+
+@dataclass(frozen=True)
+class Run(Scan):
+    """Everything that the report of a simulated scan shows."""
 
     scenario: Scenario
     truth: Truth
-    recording: Recording
-    found: Reconstruction
     score: Score
-    samples: tuple[Sample, ...]
 
 
 def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[str, float | int | None]:
@@ -69,30 +75,30 @@ def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[s
     peaks_kb: dict[int, int] = {}
     with run_folder(out) as folder:
         (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
-        with _stage("drive", seconds):
+        with stage("drive", seconds):
             progress("drive", 0, 1)
             truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
             save_truth(truth, folder / "truth")
             progress("drive", 1, 1)
-        with _stage("sense", seconds):
+        with stage("sense", seconds):
             sensed(scenario, truth, folder / "recording", workers, peaks_kb, progress)
             recording = open_recording(folder / "recording")
-        with _stage("reconstruct", seconds):
+        with stage("reconstruct", seconds):
             found, tally, samples = _reconstructed(scenario, truth, recording, workers, peaks_kb, progress)
             write_reconstruction(found, folder / "reconstruction")
-        with _stage("score", seconds):
+        with stage("score", seconds):
             result = score(found, truth, tally)
             (folder / "score.json").write_text(json.dumps(asdict(result), indent=1, allow_nan=False) + "\n")
-        with _stage("report", seconds):
+        with stage("report", seconds):
             from scenarios.report.page import write_report
 
-            write_report(Run(scenario, truth, recording, found, result, samples), folder / "report.html")
+            write_report(Run(recording, found, samples, scenario, truth, result), folder / "report.html")
         (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds, peaks_kb), indent=1) + "\n")
     return asdict(result)
 
 
 @contextmanager
-def _stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
+def stage(name: str, seconds: dict[str, float]) -> Iterator[None]:
     """Time a stage, and give its failures its name."""
     start = time.perf_counter()
     try:
@@ -145,9 +151,13 @@ def _reconstructed(
             progress("reconstruct", index + 1, len(recording))
 
     state, tally = fold(scenario, truth, recording, watched())
-    found = finish(state)
+    return with_gaps(finish(state), recording), tally, tuple(samples)
+
+
+def with_gaps(found: Reconstruction, recording: Recording) -> Reconstruction:
+    """A reconstruction with the gaps that the whole log has, in place of those that its estimator came to know."""
     noted = tuple(episode for episode in found.episodes if episode.kind != "gap")
-    return replace(found, episodes=noted + log_gaps(recording)), tally, tuple(samples)
+    return replace(found, episodes=noted + log_gaps(recording))
 
 
 def scenario_and_truth(folder: Path) -> tuple[Scenario, Truth]:
@@ -184,12 +194,13 @@ def fold(
 
 
 def _seen(folder: str, index: int, method: Method) -> SlitPixels:
-    recording = _opened(folder)
+    recording = opened(folder)
     return see(recording[index], recording.rig, method)
 
 
 @cache
-def _opened(folder: str) -> Recording:
+def opened(folder: str) -> Recording:
+    """A recording, read once by each process."""
     return open_recording(Path(folder))
 
 
@@ -203,14 +214,21 @@ def _sample_indices(truth: Truth, T_true: np.ndarray) -> list[int]:
 
 def provenance(scenario: Scenario, seconds: dict[str, float], peaks_kb: dict[int, int]) -> dict:
     """What made this result: versions, seed, git state, seconds per stage, peak memory."""
-    import resource
-
-    peaks_mb = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, *(kb / 1024 for kb in peaks_kb.values())]
     session = scenario.calibration
     return {
         **versions(),
         "seed": scenario.seed,
         "nominal_rig": f"calibrated on {session.boards} boards" if session else "as stated",
+        **effort(seconds, peaks_kb),
+    }
+
+
+def effort(seconds: dict[str, float], peaks_kb: dict[int, int]) -> dict:
+    """Seconds per stage and peak memory."""
+    import resource
+
+    peaks_mb = [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, *(kb / 1024 for kb in peaks_kb.values())]
+    return {
         "seconds": seconds,
         "seconds_total": round(sum(seconds.values()), 3),
         "peak_memory_mb": {"this_process": round(peaks_mb[0]), "all_processes": round(sum(peaks_mb))},

@@ -15,7 +15,8 @@ from scenarios.document import BadInput
 
 MARK = "run.json"  # the last file of a run; a folder without it is not ours to replace
 RUN_PARTS = {"scenario.yaml", "recording", "truth", "reconstruction", "score.json", "report.html", "view.html"}
-FIELD_PARTS = {"twin.html", "export", "match.csv", "match.json", "verify.csv", "verify.json"}
+FIELD_PARTS = {"twin.html", "export", "match.csv", "match.json", "verify.csv", "verify.json", "method.yaml"}
+FIELD_PARTS |= {"health.json"}
 BENCH_PARTS = {"rows.csv", "pairs.csv", "frames.csv", "report.html", "artefacts.json", "artefacts.csv"}
 PAPER_NAMES = [f"table{n}" for n in (1, 2, 3, 4)] + [f"fig{n}" for n in (5, 11, 12, 14, 15, 16, 17, 18)]
 PAPER_PARTS = {f"{name}.{ending}" for name in PAPER_NAMES for ending in ("json", "csv", "png")}
@@ -124,3 +125,24 @@ def whole_file(target: Path) -> Iterator[Path]:
         work.replace(target)
     finally:
         work.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(target: Path) -> Iterator[Path]:
+    """Give an empty folder beside the target, which becomes the target when the block ends well.
+
+    Raises:
+        BadInput: when the target is there already, or cannot be written.
+    """
+    work = target.with_name(f".{target.name}.partial-{secrets.token_hex(4)}")
+    try:
+        if target.exists() or target.is_symlink() or not target.name:
+            raise BadInput([f"{target}: is there already; remove it, or choose another place with -o"])
+        work.mkdir(parents=True)
+    except (OSError, ValueError) as error:
+        raise BadInput([f"{target}: cannot be written: {_why(error)}"]) from error
+    try:
+        yield work
+        work.rename(target)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from numba import njit
 
 from algorithms.sizing.disposition import at_least
-from algorithms.types import FrameResult, Reconstruction, WallMap
+from algorithms.types import FrameResult, Reconstruction, WallMap, seen_share
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
 from scenarios.matching import false_calls, match
 from scenarios.oracle import oracle_err_pct
@@ -346,7 +346,7 @@ def _map(found: Reconstruction, truth: Truth) -> dict:
     return {
         "not_seen_share": float(np.mean(hidden)) if hidden else None,
         "map_rms_mm": float(np.sqrt(np.mean(error**2))) if error.size else None,
-        "seen_share": float(seen.mean()) if seen.size else None,
+        "seen_share": seen_share(wall),
     }
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
+from tokenize import TokenError
 from typing import Annotated
 
 import numpy as np
@@ -22,10 +23,11 @@ from sensor_model.settings import Settings
 
 MAX_FILE_BYTES = 64 * 2**20
 MAX_LOG_BYTES = 2**30
-STAMP_DIGITS = 18
+STAMP_DIGITS, LATEST_NS = 19, 2**63 - 1  # a present-day stamp has 19 digits
 QUATERNION_TOLERANCE = 0.05
 SLIT_PIXELS_SUFFIX = ".npy"
 SLIT_PIXEL = np.dtype([("pixel", "<f8", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")])
+LARGEST_COUNT = 2**53  # beyond it a double does not hold every whole number
 LATE_S = 0.2  # how far a frame may lie outside the other sensors' logs
 COLUMNS = {
     "imu0": "w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
@@ -115,10 +117,10 @@ class Recording:
             IndexError: past the last frame.
             BadRecording: for a picture that cannot be read or has the wrong size.
         """
-        frame, file = self.frame(index), self.folder / self.frame_files[index]
-        if file.suffix == SLIT_PIXELS_SUFFIX:
-            return replace(frame, slit_pixels=_read_slit_pixels(file, len(self.rig.projector.slits)))
-        return replace(frame, picture=self._read_picture(file))
+        frame, content = self.frame(index), read_frame(self.folder / self.frame_files[index], self.rig)
+        if isinstance(content, SlitPixels):
+            return replace(frame, slit_pixels=content)
+        return replace(frame, picture=content)
 
     def frame(self, index: int) -> Frame:
         """One frame without its picture: its stamp and what the other sensors said.
@@ -134,22 +136,31 @@ class Recording:
         span = slice(*np.searchsorted(self.imu_stamps_ns, [since, stamp_ns], side="right"))
         return Frame(index, stamp_ns, None, None, attitude, counts, self.imu_stamps_ns[span], self.imu[span])
 
-    def _read_picture(self, file: Path) -> UInt8[np.ndarray, "height width 3"]:
-        import cv2
 
-        _check_frame_file(file)
-        expected = (self.rig.camera.height_px, self.rig.camera.width_px)
-        # the header first: a small file can unpack to a huge picture
-        size = _png_size(file)
-        if size != expected:
-            raise BadRecording(f"{file}: picture of {size} rows, columns; the rig's camera has {expected}")
-        picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
-        if picture is None or picture.shape[:2] != expected:
-            raise BadRecording(f"{file}: not a picture that can be read")
-        return picture
+def read_frame(file: Path, rig: Rig) -> UInt8[np.ndarray, "height width 3"] | SlitPixels:
+    """What one frame's file holds: an RGB picture, or slit pixels.
+
+    Raises:
+        BadRecording: for a file that cannot be read, or a picture of the wrong size.
+    """
+    if file.suffix == SLIT_PIXELS_SUFFIX:
+        return _read_slit_pixels(file, len(rig.projector.slits))
+    import cv2
+
+    _check_frame_file(file)
+    expected = (rig.camera.height_px, rig.camera.width_px)
+    # the header first: a small file can unpack to a huge picture
+    size = _png_size(file)
+    if size != expected:
+        raise BadRecording(f"{file}: picture of {size} rows, columns; the rig's camera has {expected}")
+    picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
+    if picture is None or picture.shape[:2] != expected:
+        raise BadRecording(f"{file}: not a picture that can be read")
+    return picture
 
 
 def _check_frame_file(file: Path) -> None:
+    refuse_link(file)
     if not file.is_file():
         raise BadRecording(f"{file}: missing frame, named in {file.parent.parent / 'data.csv'}")
     size = file.stat().st_size
@@ -207,7 +218,7 @@ def _read_header(file: Path, data: bytes) -> tuple[int, int]:
         if np.lib.format.read_magic(text) != (1, 0):
             raise ValueError("version 1.0 of the format is expected")
         shape, _, dtype = np.lib.format.read_array_header_1_0(text)
-    except ValueError as error:
+    except (ValueError, SyntaxError, TokenError, TypeError) as error:  # the header is read as Python's literals are
         raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
     if dtype != SLIT_PIXEL or len(shape) != 1:
         raise BadRecording(f"{file}: shape {shape} of {dtype}; (n,) of {SLIT_PIXEL} is expected")
@@ -239,16 +250,18 @@ def write_logs(
     pipe: NominalPipe,
     imu_stamps_ns: Int[np.ndarray, "n"],
     imu: Float[np.ndarray, "n 6"],
-    q_world_imu_wxyz: Float[np.ndarray, "n 4"],
+    q_world_imu_wxyz: Float[np.ndarray, "m 4"],
     encoder_stamps_ns: Int[np.ndarray, "k"],
     counts: Int[np.ndarray, "k wheels"],
+    orientation_stamps_ns: Int[np.ndarray, "m"] | None = None,
 ) -> None:
-    """Write the rig, the nominal pipe and everything but the frames."""
+    """Write the rig, the nominal pipe and everything but the frames; attitudes come with the IMU unless said when."""
     folder.mkdir(parents=True, exist_ok=True)
     save_settings(rig, folder / "rig.yaml")
     save_settings(pipe, folder / "pipe.yaml")
     _write_csv(folder / "imu0" / "data.csv", COLUMNS["imu0"], imu_stamps_ns, imu, "%.9g")
-    _write_csv(folder / "orientation0" / "data.csv", COLUMNS["orientation0"], imu_stamps_ns, q_world_imu_wxyz, "%.9g")
+    of_attitude = imu_stamps_ns if orientation_stamps_ns is None else orientation_stamps_ns
+    _write_csv(folder / "orientation0" / "data.csv", COLUMNS["orientation0"], of_attitude, q_world_imu_wxyz, "%.9g")
     wheels = ",".join(f"wheel{i} [counts]" for i in range(counts.shape[1]))
     _write_csv(folder / "encoders0" / "data.csv", wheels, encoder_stamps_ns, counts, "%d")
 
@@ -262,7 +275,7 @@ def write_frame_list(folder: Path, stamps_ns: Int[np.ndarray, "frames"], suffix:
     return tuple(f"cam0/data/{name}" for name in names)
 
 
-def _read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
+def read_csv(path: Path, columns: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and numbers of one sensor's file.
 
     Raises:
@@ -293,14 +306,19 @@ def open_recording(folder: Path) -> Recording:
     """
     rig = _read_settings(Rig, folder / "rig.yaml")
     pipe = _read_settings(NominalPipe, folder / "pipe.yaml")
-    imu_stamps, imu = _read_csv(folder / "imu0" / "data.csv", 6)
-    orientation_stamps, q = _read_csv(folder / "orientation0" / "data.csv", 4)
-    encoder_stamps, counts = _read_csv(folder / "encoders0" / "data.csv", len(rig.wheels.diameters_mm))
+    imu_stamps, imu = read_csv(folder / "imu0" / "data.csv", 6)
+    orientation_stamps, q = read_csv(folder / "orientation0" / "data.csv", 4)
+    encoder_stamps, counts = read_csv(folder / "encoders0" / "data.csv", len(rig.wheels.diameters_mm))
     lengths = np.linalg.norm(q, axis=1)
     if (np.abs(lengths - 1) > QUATERNION_TOLERANCE).any():
         row = int(np.argmax(np.abs(lengths - 1)))
         where = f"{folder / 'orientation0' / 'data.csv'}: at stamp {orientation_stamps[row]}"
         raise BadRecording(f"{where}: a quaternion of length {lengths[row]:.3g}; 1 is expected")
+    odd = np.argwhere((counts != np.rint(counts)) | (np.abs(counts) > LARGEST_COUNT))
+    if odd.size:
+        row, wheel = odd[0]
+        where = f"{folder / 'encoders0' / 'data.csv'}: at stamp {encoder_stamps[row]}: wheel {wheel + 1}"
+        raise BadRecording(f"{where}: {counts[row, wheel]:g}; whole counts up to {LARGEST_COUNT} are expected")
     stamps, files = _read_frame_list(folder)
     for name, log in (("imu0", imu_stamps), ("orientation0", orientation_stamps), ("encoders0", encoder_stamps)):
         outside = stamps[(stamps < log[0] - LATE_S * 1e9) | (stamps > log[-1] + LATE_S * 1e9)]
@@ -323,6 +341,7 @@ def open_recording(folder: Path) -> Recording:
 
 
 def _read_settings(kind: type[AnySettings], path: Path) -> AnySettings:
+    refuse_link(path)
     try:
         return load_settings(kind, path)
     except (OSError, ValueError) as error:
@@ -344,12 +363,23 @@ def _read_frame_list(folder: Path) -> tuple[np.ndarray, tuple[str, ...]]:
     return np.array(stamps, dtype=np.int64), tuple(files)
 
 
+def refuse_link(path: Path) -> None:
+    """A log from elsewhere may name no file outside its folder.
+
+    Raises:
+        BadRecording: for a symbolic link.
+    """
+    if path.is_symlink() or path.parent.is_symlink():
+        raise BadRecording(f"{path}: a symbolic link; the files of a log must lie in its own folder")
+
+
 def _csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and fields of a log, without its comments.
 
     Raises:
         BadRecording: for a file that is missing, too large, or no text.
     """
+    refuse_link(path)
     if not path.is_file():
         raise BadRecording(f"{path}: missing")
     if path.stat().st_size > MAX_LOG_BYTES:
@@ -366,7 +396,7 @@ def _csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 def _stamp_ns(path: Path, line: int, text: str, before: list[int]) -> int:
     """A stamp that comes after the last one."""
-    if not (text.isascii() and text.isdigit() and len(text) <= STAMP_DIGITS):
+    if not (text.isascii() and text.isdigit() and len(text) <= STAMP_DIGITS and int(text) <= LATEST_NS):
         raise BadRecording(f"{path}:{line}: {text!r}; a stamp in ns, at most {STAMP_DIGITS} digits, is expected")
     if before and int(text) <= before[-1]:
         raise BadRecording(f"{path}:{line}: stamp {text} does not come after {before[-1]}")

@@ -12,7 +12,7 @@ from sensor_model.rig import Rig
 LEAST_SPREAD_PCT = 0.02
 
 
-def wheel_distances_mm(counts: Float[np.ndarray, "wheels"], rig: Rig) -> Float[np.ndarray, "wheels"]:
+def wheel_distances_mm(counts: Float[np.ndarray, "*n wheels"], rig: Rig) -> Float[np.ndarray, "*n wheels"]:
     """Distance rolled by each wheel since the start of the log."""
     turns = counts / rig.wheels.counts_per_turn
     return turns * np.pi * np.array(rig.wheels.diameters_mm)  # Eq. 25

@@ -35,7 +35,7 @@ class Row:
     """One defect of the report; `number` labels it in table, map and profiles alike."""
 
     number: int
-    kind: Literal["found", "missed", "false call", "part of the pipe"]
+    kind: Literal["found", "missed", "false call", "part of the pipe", "measured"]
     feature: Feature | None
     defect: Defect | None
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scenarios.report.canvas import BLACK, BLUE, SERIES, VERMILION, Picture, drawing, to_picture
-from scenarios.run import Run
+from scenarios.run import Run, Scan
 from scenarios.score import pose_errors
 from sensor_model.geometry import rotation_from_wxyz, twist_about_z_rad
 
@@ -115,7 +115,7 @@ def slipped_mm(run: Run) -> Float[np.ndarray, "n wheels"]:
     return np.cumsum(run.truth.slip_mm_s * step[:, None], axis=0)
 
 
-def yield_over_distance(run: Run) -> Picture:
+def yield_over_distance(run: Scan) -> Picture:
     """Share of the slits' azimuths decoded in each frame, and the frames that could not be registered."""
     path = run.found.trajectory
     z, share, lost = path.T_pipe_camera[:, 2, 3], 100 * path.decode_yield, ~path.registered

@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 
 from scenarios.report.canvas import Picture, photograph
 from scenarios.report.comparison import LOOK_AHEAD_RADII
-from scenarios.run import Run, Sample
+from scenarios.run import Run, Sample, Scan
 from sensor_model.geometry import fisheye_project, inverse, wall_direction
 
 WIDTH_PX = 1000
@@ -17,7 +17,7 @@ CLOSE_SCALE = 2.4
 DOTS = ((255, 255, 255), (0, 229, 255), (255, 92, 244), (125, 255, 79))
 
 
-def sample_pictures(run: Run, sample: Sample) -> list[Picture]:
+def sample_pictures(run: Scan, sample: Sample) -> list[Picture]:
     """A frame at most 1000 px wide and a close view, decoded slit centres as dots; none without a picture."""
     picture = run.recording[sample.index].picture
     if picture is None:
@@ -44,20 +44,22 @@ def sample_pictures(run: Run, sample: Sample) -> list[Picture]:
     ]
 
 
-def _of_interest(run: Run, sample: Sample) -> tuple[Float[np.ndarray, "2"], str]:
+def _of_interest(run: Scan, sample: Sample) -> tuple[Float[np.ndarray, "2"], str]:
     """The pixel to look at closely: the defect that the rings are on, or else the wall at 3 o'clock."""
-    T_pipe_camera, pipe = run.found.trajectory.T_pipe_camera[sample.index], run.truth.pipe
-    middle_mm = sample.z_mm + LOOK_AHEAD_RADII * pipe.bore_radius_mm
-    near = [f for f in pipe.features if abs(f.distance_mm - middle_mm) < pipe.bore_radius_mm]
+    T_pipe_camera = run.found.trajectory.T_pipe_camera[sample.index]
+    if isinstance(run, Run):
+        radius_mm = run.truth.pipe.bore_radius_mm
+        places = [(feature.distance_mm, float(np.radians(feature.clock_deg))) for feature in run.truth.pipe.features]
+    else:
+        radius_mm = run.recording.pipe.inner_radius_mm
+        places = [(defect.distance_mm, defect.theta_rad) for defect in run.found.defects]
+    middle_mm = sample.z_mm + LOOK_AHEAD_RADII * radius_mm
+    near = [place for place in places if abs(place[0] - middle_mm) < radius_mm]
     theta, z, shown = np.pi / 2, middle_mm, "the wall at 3 o'clock"
     if near:
-        feature = min(near, key=lambda f: abs(f.distance_mm - middle_mm))
-        theta, z, shown = (
-            np.radians(feature.clock_deg),
-            feature.distance_mm,
-            f"the defect at {feature.distance_mm:.0f} mm",
-        )
-    place = pipe.bore_radius_mm * wall_direction(theta) + np.array([0.0, 0.0, z])
+        z, theta = min(near, key=lambda place: abs(place[0] - middle_mm))
+        shown = f"the defect at {z:.0f} mm"
+    place = radius_mm * wall_direction(theta) + np.array([0.0, 0.0, z])
     T_camera_pipe = inverse(T_pipe_camera)
     in_camera = T_camera_pipe[:3, :3] @ place + T_camera_pipe[:3, 3]
     return fisheye_project(in_camera, run.recording.rig.camera.intrinsics), shown

@@ -9,9 +9,10 @@ from math import radians, sin
 import numpy as np
 
 from algorithms.localisation.upright import VERTICAL_COSINE
+from algorithms.types import seen_share
 from scenarios.report.numbers import figure, score_figure, signed
 from scenarios.report.wall_figures import stretches
-from scenarios.run import Run
+from scenarios.run import Run, Scan
 from sensor_model.geometry import clock_position
 from sensor_model.rig import Rig
 
@@ -78,7 +79,7 @@ def scanned(run: Run) -> list[tuple[str, str]]:
             f"{len(rig.projector.band_colors)} colour bands (half angles {slits}), {len(run.recording)} frames at "
             f"{sensing.frame_rate_hz:g} frames/s",
         ),
-        ("Radius found", _radius(run)),
+        ("Radius found", radius_found(run)),
         ("Fidelity", FIDELITY.get(sensing.fidelity, sensing.fidelity)),
         ("Calibration", _calibration(run)),
         ("Clock positions", _datum(run)),
@@ -147,7 +148,7 @@ def flat(settings: object, prefix: str = "") -> dict[str, object]:
     }
 
 
-def _radius(run: Run) -> str:
+def radius_found(run: Scan) -> str:
     """The radius that the frames show beside the one the measurement was told: a wrong one is not to go unnoticed."""
     path, told = run.found.trajectory, run.recording.pipe.inner_radius_mm
     seen = path.radius_mm[path.registered & np.isfinite(path.radius_mm)]
@@ -157,15 +158,16 @@ def _radius(run: Run) -> str:
     return f"{middle:.2f} mm in the median frame, {100 * (middle / told - 1):+.2f} % off the {told:g} mm it was told"
 
 
-def not_seen(run: Run) -> list[str]:
+def not_seen(run: Scan) -> list[str]:
     """What the scan did not show, and why."""
-    wall, score, projector = run.found.wall, run.score, run.recording.rig.projector
+    wall, projector = run.found.wall, run.recording.rig.projector
     columns = wall.scanned()
     z = wall.z_mm[columns]
     said = []
-    if z.size and score.seen_share is not None:
+    share = seen_share(wall)
+    if share is not None:
         said.append(
-            f"{100 * (1 - score.seen_share):.1f} % of the wall scanned between {z[0]:.0f} and {z[-1]:.0f} mm held no "
+            f"{100 * (1 - share):.1f} % of the wall scanned between {z[0]:.0f} and {z[-1]:.0f} mm held no "
             "point. It is drawn hatched grey, never filled in, and counts in no figure. The pipe outside these ends "
             "was not scanned."
         )
@@ -180,11 +182,8 @@ def not_seen(run: Run) -> list[str]:
         f"Strut: it hides {projector.strut_width_deg:g}° of the circumference, at {strut} of the sensor; {where}. A "
         "defect there would not be found."
     )
-    floor = (
-        ""
-        if score.not_seen_share is None
-        else f" No ring showed {100 * score.not_seen_share:.1f} % of the true defects' floor."
-    )
+    hidden_floor = run.score.not_seen_share if isinstance(run, Run) else None
+    floor = "" if hidden_floor is None else f" No ring showed {100 * hidden_floor:.1f} % of the true defects' floor."
     innermost, outermost = np.tan(projector.slit_half_angles_rad[[0, -1]])
     said.append(
         f"Shadow under steep edges: light comes from behind and reaches only {innermost:.2f} (innermost slit) to "
@@ -205,12 +204,12 @@ def not_seen(run: Run) -> list[str]:
     if weak:
         reasons = "; ".join(f"{count} x {reason}" for reason, count in weak.most_common(MOST_REASONS))
         said.append(f"{_count(sum(weak.values()), 'frame')} of {len(path.reason)} registered weakly: {reasons}.")
-    if not run.truth.pipe.backed:
+    if isinstance(run, Run) and not run.truth.pipe.backed:
         said.append("The wall has no backing: a place that takes the whole wall returns no light and is not seen.")
     return said
 
 
-def never_seen(run: Run) -> list[tuple[str, str]]:
+def never_seen(run: Scan) -> list[tuple[str, str]]:
     """Ranges of clock positions that the scan never showed."""
     wall = run.found.wall
     seen = wall.seen[:, wall.scanned()]

@@ -15,6 +15,7 @@ from scenarios.report.statements import flat
 from scenarios.run import Run
 from scenarios.score import MEANINGS
 from sensor_model.geometry import clock_position
+from sensor_model.rig import Rig
 
 LONGEST_SETTING = 200
 GROUPS = {
@@ -103,20 +104,8 @@ def _remarks(run: Run, row: Row) -> list[str]:
         said.append("no true defect here")
     if row.kind == "part of the pipe":
         said.append("a joint, debris or taper of the true pipe; no defect")
-    d = row.defect
-    if d is not None:
-        if d.unseen_share > 0:
-            said.append(f"{100 * d.unseen_share:.0f} % of its box not seen")
-        if not d.floor_seen:
-            least = at_least(d.depth_mm, d.depth_std_mm)
-            limit = visible_depth_mm(d.length_mm, float(run.recording.rig.projector.slit_half_angles_rad[-1]))
-            said.append(f"depth at least {fixed(least, DECIMALS['depth'])} mm, its floor was not seen")
-            said.append(f"under a steep edge light reaches {fixed(limit, 1)} mm deep over such a length")
-        if d.cut_by_scan_end:
-            said.append("cut by the end of the scan, its length is a lower bound")
-        if not all(map(isfinite, (d.length_mm, d.width_mm, d.depth_mm))):
-            said.append("n/a: an edge was not seen")
-        said += [text for text in (d.disposition, _class_words(d)) if text]
+    if row.defect is not None:
+        said += remarks(row.defect, run.recording.rig)
     pipe = run.truth.pipe
     feature = row.feature
     if feature and not feature.inward and feature.size(pipe.bore_radius_mm).depth_mm >= pipe.wall_mm - 1e-6:
@@ -124,6 +113,23 @@ def _remarks(run: Run, row: Row) -> list[str]:
             "takes the whole wall; " + ("shows its backing" if pipe.backed else "unbacked, a hole returns no light")
         )
     return said
+
+
+def remarks(d: Defect, rig: Rig) -> list[str]:
+    """What a measured defect's figures leave unsaid."""
+    said = []
+    if d.unseen_share > 0:
+        said.append(f"{100 * d.unseen_share:.0f} % of its box not seen")
+    if not d.floor_seen:
+        least = at_least(d.depth_mm, d.depth_std_mm)
+        limit = visible_depth_mm(d.length_mm, float(rig.projector.slit_half_angles_rad[-1]))
+        said.append(f"depth at least {fixed(least, DECIMALS['depth'])} mm, its floor was not seen")
+        said.append(f"under a steep edge light reaches {fixed(limit, 1)} mm deep over such a length")
+    if d.cut_by_scan_end:
+        said.append("cut by the end of the scan, its length is a lower bound")
+    if not all(map(isfinite, (d.length_mm, d.width_mm, d.depth_mm))):
+        said.append("n/a: an edge was not seen")
+    return said + [text for text in (d.disposition, _class_words(d)) if text]
 
 
 def _class_words(defect: Defect) -> str:

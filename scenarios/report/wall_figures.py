@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from algorithms.types import Defect, WallMap
+from algorithms.types import Defect, WallMap, seen_share
 from scenarios.report.canvas import (
     BLACK,
     BLUE,
@@ -21,7 +21,7 @@ from scenarios.report.canvas import (
     to_picture,
 )
 from scenarios.report.comparison import Row, true_size
-from scenarios.run import Run
+from scenarios.run import Run, Scan
 from sensor_model.geometry import clock_position, wrap_rad
 from twin.features.base import Feature
 from twin.pipe import Pipe
@@ -50,18 +50,28 @@ def true_depth_mm(pipe: Pipe, theta_rad: np.ndarray | float, z_mm: np.ndarray | 
     return pipe.radius(theta_rad, z_mm) - undamaged(pipe).radius(theta_rad, z_mm)
 
 
-def depth_range_mm(run: Run) -> tuple[float, float]:
+def depth_range_mm(run: Scan) -> tuple[float, float]:
     """Ends of the depth colours: the deepest defect, true or measured."""
     deviation = run.found.deviation_mm
     seen = deviation[np.isfinite(deviation)]
     low = float(np.percentile(seen, 0.5)) if seen.size else 0.0
-    deepest = [feature.size(run.truth.pipe.bore_radius_mm).depth_mm for feature in run.truth.pipe.features]
+    deepest = [feature.size(_bore_mm(run)).depth_mm for feature in _true_features(run)]
     deepest += [defect.depth_mm for defect in run.found.defects]
     return (low if low < -INWARD_MM else 0.0), max([LEAST_RANGE_MM, *deepest])
 
 
-def wall_map(run: Run, rows: list[Row]) -> Picture:
-    """The unrolled wall, coloured by depth, with true outlines and measured boxes."""
+def _true_features(run: Scan) -> tuple[Feature, ...]:
+    """What really is in the wall, where that is known."""
+    return run.truth.pipe.features if isinstance(run, Run) else ()
+
+
+def _bore_mm(run: Scan) -> float:
+    """Radius of the bore, as it is or as the operator has it."""
+    return run.truth.pipe.bore_radius_mm if isinstance(run, Run) else run.recording.pipe.inner_radius_mm
+
+
+def wall_map(run: Scan, rows: list[Row]) -> Picture:
+    """The unrolled wall, coloured by depth, with measured boxes and, where they are known, true outlines."""
     wall = run.found.wall
     touched = np.flatnonzero(wall.seen.any(axis=0))
     columns = slice(int(touched[0]), int(touched[-1]) + 1)
@@ -87,30 +97,32 @@ def wall_map(run: Run, rows: list[Row]) -> Picture:
         axes.set_xlim(*ends)
         axes.set_xlabel("distance along the pipe (mm)")
         axes.set_title("Unrolled wall: depth below the undamaged bore")
-        _map_key(axes)
+        _map_key(axes, isinstance(run, Run))
         figure.colorbar(shown, ax=axes, label="depth (mm)", fraction=0.025, pad=0.01)
-        unseen = 100 * (1 - (run.score.seen_share or 0.0))
+        unseen, true = 100 * (1 - (seen_share(run.found.wall) or 0.0)), _true_features(run)
+        outlines = f" over {len(true)} true outlines" if isinstance(run, Run) else ""
+        dashed = "Dashed: the true outline at half depth; " if isinstance(run, Run) else ""
         return to_picture(
             figure,
             f"Unrolled map of the wall from {ends[0]:.0f} to {ends[1]:.0f} mm, clock positions 12 to 12 from top to "
-            f"bottom, coloured by depth up to {high:.1f} mm; {len(run.found.defects)} measured boxes over "
-            f"{len(run.truth.pipe.features)} true outlines; hatched grey is not seen.",
-            "The wall unrolled, clock positions as seen looking downstream. Dashed: the true outline at half depth; "
-            f"solid box: as measured, numbered as in the table. Hatched grey: not seen ({unseen:.1f} % of the scanned "
-            "wall), never filled in.",
+            f"bottom, coloured by depth up to {high:.1f} mm; {len(run.found.defects)} measured boxes{outlines}; "
+            "hatched grey is not seen.",
+            f"The wall unrolled, clock positions as seen looking downstream. {dashed}"
+            f"{'solid' if dashed else 'Solid'} box: as measured, numbered as in the table. Hatched grey: not seen "
+            f"({unseen:.1f} % of the scanned wall), never filled in.",
         )
 
 
-def _outline(axes: Axes, row: Row, run: Run) -> None:
+def _outline(axes: Axes, row: Row, run: Scan) -> None:
     """True outline and measured box of one defect, drawn a turn up and down too, for those that cross 12 o'clock."""
     from matplotlib.patches import Rectangle
 
-    radius = run.truth.pipe.bore_radius_mm
-    if row.feature is not None:
+    radius = _bore_mm(run)
+    half_width_deg = 0.0
+    if row.feature is not None and isinstance(run, Run):
         _true_outline(axes, row.feature, run.truth.pipe)
+        half_width_deg = float(np.degrees(row.feature.size(radius).width_mm / 2 / radius))
     label_z, label_deg = row.distance_mm, np.degrees(row.theta_rad)
-    size = true_size(row, run)
-    half_width_deg = np.degrees((size.width_mm if size else 0) / 2 / radius)
     if row.defect is not None:
         box = row.defect
         height = float(np.degrees(box.width_mm / radius))
@@ -120,7 +132,7 @@ def _outline(axes: Axes, row: Row, run: Run) -> None:
             axes.add_patch(Rectangle(corner, box.length_mm, height, fill=False, edgecolor=VERMILION, linewidth=1.6))
         half_width_deg = max(half_width_deg, height / 2)
     place = float(np.mod(label_deg - half_width_deg - 9, 360))
-    words = f"{row.number}" if row.kind == "found" else f"{row.number} {row.kind}"
+    words = f"{row.number}" if row.kind in ("found", "measured") else f"{row.number} {row.kind}"
     box_style = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": BLACK, "linewidth": 0.8}
     left, right = axes.get_xlim()
     side = (
@@ -148,13 +160,14 @@ def _true_outline(axes: Axes, feature: Feature, pipe: Pipe) -> None:
         axes.contour(z, degrees, depth, half, colors="white", linewidths=1.4, linestyles="dashed")
 
 
-def _map_key(axes: Axes) -> None:
+def _map_key(axes: Axes, with_truth: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    true = [Line2D([], [], color=BLACK, linestyle=(0, (2.5, 1.5)), label="true outline")] if with_truth else []
     axes.legend(
         handles=[
-            Line2D([], [], color=BLACK, linestyle=(0, (2.5, 1.5)), label="true outline"),
+            *true,
             Patch(facecolor="none", edgecolor=VERMILION, linewidth=1.6, label="measured"),
             Patch(facecolor=UNSEEN, edgecolor=HATCH, hatch="////", label="not seen"),
         ],
@@ -269,14 +282,14 @@ def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def pipe_in_space(run: Run) -> Picture:
+def pipe_in_space(run: Scan) -> Picture:
     """The reconstructed wall cut open lengthwise and coloured by its deviation, seen from the open side."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import Normalize
 
     focus = _focus_rad(run.found.defects)
-    corners, depth = _half_pipe(run.found.wall, run.found.deviation_mm, focus, run.truth.pipe.bore_radius_mm)
+    corners, depth = _half_pipe(run.found.wall, run.found.deviation_mm, focus, _bore_mm(run))
     flat, away = _seen_from_the_side(corners)
     order = np.argsort(-away, kind="stable")
     low, high = depth_range_mm(run)

@@ -1,4 +1,4 @@
-"""The commands `study`, `tune`, `status`, `export` and `cache`: each parses, calls one function and prints."""
+"""The commands `study`, `tune`, `status` and `cache`: each parses, calls one function and prints."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast, get_args
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,7 +23,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def register(app: typer.Typer) -> None:
     """Put the commands into the command line."""
-    for command in (study, sensitivity, tune, status, export, cache):
+    for command in (study, sensitivity, tune, status, cache):
         app.command()(command)
 
 
@@ -143,31 +143,6 @@ def status(folder: StudyFolder, as_json: AsJson = False) -> None:
         print(f"failed: {failure['key']} {failure['method']} seed {failure['seed']}: {failure['error']}")
     if facts["failed"] > len(failures):
         print(f"and {facts['failed'] - len(failures)} more; `pipetwin export` has them all")
-
-
-def export(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a study or of a run.")],
-    to: Annotated[str, typer.Option("--to", help="A study: csv, parquet. A run: see docs/field-pages.md.")] = "csv",
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="PLACE", help="Where a run goes.  [default: RUN/export/...]")
-    ] = None,
-) -> None:
-    """Write a study's rows as tables into its folder, or a run in a format that other tools open."""
-    if (folder / "reconstruction").is_dir():
-        from scenarios.field.run_formats import export_run
-
-        print(export_run(folder, to, out))
-        return
-    from scenarios.document import BadInput
-    from scenarios.study.conduct import opened
-    from scenarios.study.export import Format
-    from scenarios.study.export import export as write
-
-    if to not in get_args(Format):
-        raise BadInput([f"--to: got {to}; a study is exported to one of {', '.join(get_args(Format))}"])
-    with opened(folder) as ledger:
-        for file in write(ledger, folder, cast(Format, to)):
-            print(file)
 
 
 def cache(

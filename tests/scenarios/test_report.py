@@ -57,7 +57,7 @@ def _run(folder: Path, features: list[dict]) -> Run:
         tally_frame(tally, step(state, recording.frame(index), seen), T_true[index])
     found = finish(state)
     sample = Sample(0, 0.0, see(recording[0], recording.rig, scenario.method))
-    return Run(scenario, truth, recording, found, score(found, truth, tally), (sample,))
+    return Run(recording, found, (sample,), scenario, truth, score(found, truth, tally))
 
 
 @pytest.fixture(scope="module")

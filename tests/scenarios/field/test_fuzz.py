@@ -1,55 +1,91 @@
-"""Damaged files are refused in words, or read: never a traceback."""
+"""Strangers' logs: every reader gives a result or one clear line; `campaigns/fuzz.py` runs many more of them."""
 
 from __future__ import annotations
 
-import random
-import shutil
+import importlib.util
+import sqlite3
+import struct
+import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from scenarios.document import BadInput
-from scenarios.field.export_tally import tally
-from scenarios.field.found_run import read_found
-from scenarios.field.match import matched
-from scenarios.field.scan_file import read_scan
+from scenarios.field.raw_messages import MAGIC, mcap_messages, sqlite_messages
+from sensor_model.recording import write_frame_list
 
-CASES = 25
-TOKENS = [b"nan", b"inf", b"-1", b"1e308", b"0", b"9" * 20, b"\xff", b"\0", b",", b"\n", b'"', b"-"]
+ROOT = Path(__file__).resolve().parents[3]
 
 
-def damaged(data: bytes, rng: random.Random) -> bytes:
-    """A few bytes changed, put in, taken out or doubled, mostly near the beginning."""
-    out = bytearray(data)
-    for _ in range(rng.randint(1, 4)):
-        at = rng.randrange(len(out) + 1 if rng.random() < 0.5 else min(len(out), 400) + 1)
-        what = rng.randrange(4)
-        if what == 0:
-            out[at : at + 1] = rng.choice([b"7", b".", b" ", b"e", b"\x80"])
-        elif what == 1:
-            out[at:at] = rng.choice(TOKENS)
-        elif what == 2:
-            del out[at : at + rng.randint(1, 40)]
-        else:
-            out[at:at] = out[at : at + 30]
-    return bytes(out)
+@pytest.fixture(scope="module")
+def fuzz():
+    spec = importlib.util.spec_from_file_location("fuzz", ROOT / "campaigns" / "fuzz.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["fuzz"] = module
+    spec.loader.exec_module(module)
+    return module
 
 
-@pytest.mark.parametrize("name", ["defects.csv", "episodes.csv", "trajectory.tum", "wall_map.npz", "cloud.ply"])
-def test_damaged_files_are_refused_in_words(found_folder, tmp_path, name):
-    rng, good = random.Random(name), read_found(found_folder)
-    shutil.copytree(found_folder, tmp_path / "run")
-    file = tmp_path / "run" / "reconstruction" / name
-    data, refused = file.read_bytes(), []
-    for _ in range(CASES):
-        file.write_bytes(damaged(data, rng))
-        try:
-            if name == "cloud.ply":
-                read_scan(file, name)
-            else:
-                run = read_found(tmp_path / "run")
-                tally(run)
-                matched(good, run)
-        except BadInput as error:
-            refused.append(str(error))
-    assert refused
-    assert all(str(file) in words for words in refused)
+def test_mutated_logs_are_read_or_refused_with_words(fuzz, small_log, tmp_path):
+    pytest.importorskip("rosbags", reason="the package rosbags is not installed")
+    log = tmp_path / "log"
+    fuzz.shutil.copytree(small_log, log)
+    frames = sorted((log / "cam0" / "data").iterdir(), key=lambda file: int(file.stem))
+    for file in frames[3:]:
+        file.unlink()
+    write_frame_list(log, np.array([int(file.stem) for file in frames[:3]]), ".npy")
+    tally = fuzz.fuzz(log, None, cases=12, seed=5)
+    assert set(tally) == {"recording", "live", "mcap", "rosbag2"}
+    for counts in tally.values():
+        assert set(counts) <= {"read", "refused"}
+
+
+def record(code: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", code, len(body)) + body
+
+
+def chunk(size: int, packing: bytes, packed: bytes) -> bytes:
+    head = struct.pack("<QQQI", 0, 0, size, 0) + struct.pack("<I", len(packing)) + packing
+    return record(6, head + struct.pack("<Q", len(packed)) + packed)
+
+
+@pytest.mark.parametrize("packing", ["zstd", "lz4"])
+def test_a_bomb_is_never_unpacked_further_than_it_promised(packing, tmp_path):
+    if packing == "zstd":
+        packed = pytest.importorskip("backports.zstd").compress(bytes(200 * 2**20))
+    else:
+        packed = pytest.importorskip("lz4.frame").compress(bytes(200 * 2**20))
+    file = tmp_path / "bomb.mcap"
+    file.write_bytes(MAGIC + chunk(1000, packing.encode(), packed))
+    with pytest.raises(BadInput, match="got a chunk of 1001 bytes where 1000 were promised"):
+        list(mcap_messages(file, []))
+    file.write_bytes(MAGIC + chunk(2**40, packing.encode(), packed))
+    with pytest.raises(BadInput, match=f"unpacks to {2**40} bytes; at most"):
+        list(mcap_messages(file, []))
+
+
+def test_a_bag_cut_off_in_the_middle_gives_what_it_has(tmp_path):
+    file, remarks = tmp_path / "cut.mcap", []
+    schema = record(3, struct.pack("<H", 1) + struct.pack("<I", 4) + b"kind" + bytes(8))
+    channel = record(4, struct.pack("<HHI", 1, 1, 2) + b"/a" + bytes(8))
+    message = record(5, struct.pack("<HIQQ", 1, 0, 0, 0) + b"body")
+    file.write_bytes(MAGIC + schema + channel + message + message[:-2])
+    assert [(raw.topic, raw.kind, raw.content) for raw in mcap_messages(file, remarks)] == [("/a", "kind", b"body")]
+    assert "ends in the middle of a record" in remarks[0]
+
+
+def test_a_view_without_end_is_no_bag(tmp_path):
+    """It would give rows for ever."""
+    bag = sqlite3.connect(tmp_path / "bag.db3")
+    bag.execute("CREATE TABLE topics (id, name, type)")
+    bag.execute(
+        "CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) "
+        "SELECT id, 1 AS topic_id, x'00' AS data FROM n"
+    )
+    bag.commit()
+    bag.close()
+    with pytest.raises(BadInput, match="it has no tables topics and messages"):
+        list(sqlite_messages(tmp_path / "bag.db3"))
