@@ -41,6 +41,7 @@ class Followed:
     state: State
     watched: Watched
     shown: int = 0
+    looked: int = 0
     live: int = 0
     late: int = 0
     waits_s: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_TIMES))
@@ -132,6 +133,7 @@ def _take(followed: Followed, shown: Shown) -> None:
     rig, azimuths = followed.log.rig, followed.state.method.decode.azimuths
     watch(followed.watched, shown.look, result, rig, azimuths)
     followed.shown += 1
+    followed.looked += not shown.kept
     if np.isfinite(shown.written_s):
         wait_s = time.time() - shown.written_s
         stamps = [one.stamp_ns for one in followed.state.results[-2:]]
@@ -145,7 +147,13 @@ def _timely(followed: Followed) -> dict[str, float | int | None]:
     """How timely the frames were that came while it was followed."""
     waits = np.array(followed.waits_s)
     middle, most = (round(float(np.percentile(waits, q)), 4) if waits.size else None for q in (50, 99))
-    return {"frames": followed.live, "late": followed.late, "wait_s_median": middle, "wait_s_99_pct": most}
+    return {
+        "looked_at": followed.looked,
+        "frames": followed.live,
+        "late": followed.late,
+        "wait_s_median": middle,
+        "wait_s_99_pct": most,
+    }
 
 
 def _so_far(followed: Followed) -> Live:

@@ -27,10 +27,14 @@ LARGEST_FACTS_BYTES = 4096
 
 
 class Shown(NamedTuple):
-    """A frame, what it showed, and when it had been written (seconds since 1970); NaN for one looked at before."""
+    """A frame, what it showed, whether an earlier life had looked at it, and when it was written (s since 1970).
+
+    `written_s` is NaN for a frame that was there before anybody followed.
+    """
 
     due: Due
     look: Look
+    kept: bool
     written_s: float
 
 
@@ -43,6 +47,7 @@ class Eyes:
     method: Method
     pool: Executor
     workers: int
+    began_s: float
     waiting: deque[tuple[Due, Future | Look, float]] = field(default_factory=deque)
 
     @property
@@ -57,7 +62,7 @@ def open_eyes(folder: Path, rig: Rig, method: Method, workers: int) -> Eyes:
     pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (rig, method))
     for ready in [pool.submit(_ready) for _ in range(workers)]:
         ready.result()
-    return Eyes(folder, rig, method, pool, workers)
+    return Eyes(folder, rig, method, pool, workers, time.time())
 
 
 def _begin(rig: Rig, method: Method) -> None:
@@ -80,6 +85,7 @@ def hand_over(eyes: Eyes, due: Due) -> None:
         eyes.waiting.append((due, kept, float("nan")))
         return
     written_s = due.file.stat().st_mtime if due.file.exists() else time.time()
+    written_s = written_s if written_s >= eyes.began_s else float("nan")
     eyes.waiting.append((due, eyes.pool.submit(_look, eyes.folder, due, eyes.rig, eyes.method), written_s))
 
 
@@ -88,12 +94,10 @@ def next_shown(eyes: Eyes) -> Shown | None:
     if not eyes.waiting:
         return None
     due, what, written_s = eyes.waiting[0]
-    if isinstance(what, Future):
-        if not what.done():
-            return None
-        what = what.result()
+    if isinstance(what, Future) and not what.done():
+        return None
     eyes.waiting.popleft()
-    return Shown(due, what, written_s)
+    return Shown(due, what.result() if isinstance(what, Future) else what, isinstance(what, Look), written_s)
 
 
 def close_eyes(eyes: Eyes) -> None:

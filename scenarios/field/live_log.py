@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sensor_model.recording import (
+    LARGEST_COUNT,
     LATEST_NS,
     SLIT_PIXELS_SUFFIX,
     BadRecording,
@@ -73,10 +74,11 @@ class Tail:
 
 @dataclass
 class Series:
-    """The latest of a table: stamps and numbers, from one row before what is still needed."""
+    """The latest of a table: stamps and numbers (`whole`: counts), from one row before what is still needed."""
 
     tail: Tail
     columns: int
+    whole: bool = False
     stamps_ns: list[int] = field(default_factory=list)
     values: list[list[float]] = field(default_factory=list)
 
@@ -95,6 +97,8 @@ class Series:
                 raise BadRecording(f"{where}: {error}") from error
             if len(values) != self.columns or not np.isfinite(values).all():
                 raise BadRecording(f"{where}: {row}; {self.columns} finite numbers are expected")
+            if self.whole and any(value != round(value) or abs(value) > LARGEST_COUNT for value in values):
+                raise BadRecording(f"{where}: {row}; whole counts up to {LARGEST_COUNT} are expected")
             self.stamps_ns.append(stamp)
             self.values.append(values)
         return self.tail.line > before
@@ -155,7 +159,7 @@ def open_live(folder: Path) -> LiveLog | None:
         raise BadRecording(f"{folder}: {error}") from error
     wheels = len(rig.wheels.diameters_mm)
     imu, orientation, encoders = (
-        Series(Tail(folder / name / "data.csv"), columns)
+        Series(Tail(folder / name / "data.csv"), columns, whole=name == "encoders0")
         for name, columns in (("imu0", 6), ("orientation0", 4), ("encoders0", wheels))
     )
     return LiveLog(folder, rig, pipe, Tail(folder / "cam0" / "data.csv"), imu, orientation, encoders)

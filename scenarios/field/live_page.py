@@ -130,7 +130,7 @@ def _defects(found: Reconstruction) -> str:
         f"<td>{fixed(d.width_mm, 1)}</td><td>{fixed(d.depth_mm, 2)} ± {fixed(d.depth_std_mm, 2)}</td></tr>"
         for d in found.defects[-MOST_DEFECTS:]
     )
-    return f'<table class="defects"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    return f'<table class="health"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
 
 
 def live_map(found: Reconstruction) -> Picture:

@@ -106,7 +106,7 @@ def test_after_a_kill_it_goes_on_and_ends_as_a_replay(small_log, tmp_path, monke
     with pytest.raises(BadInput, match="belongs to another log or method"):
         live.follow(log, Method.model_validate({"map": {"cell_z_mm": 4}}), out, 1, 0, 5.0, silent)
     live.follow(log, Method(), out, 1, 0, 5.0, silent)
-    assert json.loads((out / "run.json").read_text())["live"]["frames"] == 1
+    assert json.loads((out / "run.json").read_text())["live"]["looked_at"] == 1
     for name in ("wall_map.npz", "defects.csv", "trajectory.tum"):
         assert filecmp.cmp(out / "reconstruction" / name, tmp_path / "replay" / "reconstruction" / name, shallow=False)
     assert (out / "health.json").read_text() == (tmp_path / "replay" / "health.json").read_text()
