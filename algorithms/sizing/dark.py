@@ -59,7 +59,8 @@ def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:
     """Every dark place with wall before, beyond and beside it that was looked at closely."""
     cell_z, cell_arc, around = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm), wall.theta_rad.size
     scanned, near = wall.scanned(), max(round(AROUND_MM / cell_z), 1)
-    for columns, rows in groups(segment(~wall.seen, wall, pipe.inner_radius_mm, 0.0)):
+    fewest = FILLED * LEAST_MM**2 / (cell_z * cell_arc)  # nearly all are fewer: cells between rings
+    for columns, rows in groups(segment(~wall.seen, wall, pipe.inner_radius_mm, 0.0), fewest):
         first, last = int(rows.min()), int(rows.max())
         center = round(float(np.angle(np.exp(2j * np.pi * columns / around).mean())) / (2 * np.pi) * around)
         turned = (columns - center + around // 2) % around - around // 2

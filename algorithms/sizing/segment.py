@@ -20,10 +20,12 @@ def segment(
     return numbered(deep, reach_arc, reach_z)
 
 
-def groups(labels: Int[np.ndarray, "around along"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Columns (around) and rows (along) of the cells of every group."""
+def groups(labels: Int[np.ndarray, "around along"], fewest: float = 1) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Columns (around) and rows (along) of the cells of every group that has so many."""
     cells = np.flatnonzero(labels)
     of = labels.ravel()[cells]
+    large = np.bincount(of)[of] >= fewest
+    cells, of = cells[large], of[large]
     order = np.argsort(of, kind="stable")
     for part in np.split(cells[order], np.flatnonzero(np.diff(of[order])) + 1):
         if part.size:

@@ -167,8 +167,9 @@ def _unfit(design: Design, factors: dict[str, Factor]) -> Iterator[Fault]:
             return
     for path, factor in factors.items():
         if factor.levels() is None:
-            allowed = "a grid needs a list, or a range with steps; or give design.kind latin-hypercube or sobol"
-            yield Fault(("factors", path), "no levels", allowed.replace("a grid", f"{design.kind}"))
+            design_needs = "rows need lists" if isinstance(design, Rows) else "a grid needs a list"
+            allowed = f"{design_needs}, or a range with steps; or give design.kind latin-hypercube or sobol"
+            yield Fault(("factors", path), "no levels", allowed)
     lengths = {path: len(factor.levels() or ()) for path, factor in factors.items()}
     if isinstance(design, Rows) and len(set(lengths.values())) > 1:
         said = ", ".join(f"{path} {n}" for path, n in lengths.items())

@@ -136,7 +136,7 @@ def test_a_true_rig_states_only_what_differs() -> None:
         (
             "kind: gantry",
             "kind: gantri",
-            "s.yaml:9:9: drive.kind: got 'gantri'; must be one of robot, gantry; did you mean gantry",
+            "s.yaml:9:9: drive.kind: got 'gantri'; must be one of robot, gantry, recorded; did you mean gantry",
         ),
         ("    - to_mm: 600", "    []", "s.yaml:11:5: drive.stages: got []; the list must have at least 1 item"),
         ("why: a test", "why: [a]", "s.yaml:2:6: why: got ['a']; must be text"),

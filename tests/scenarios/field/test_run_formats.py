@@ -149,7 +149,7 @@ def test_rings_are_joints_and_what_stands_inward_or_in_the_dark_is_told_so(run):
 
 def test_the_command_says_what_it_cannot_do(found_folder, tmp_path):
     runner = CliRunner()
-    with pytest.raises(BadInput, match="got docx; a run is exported to one of tum, ply"):
+    with pytest.raises(BadInput, match="got docx; a run goes to mcap, rosbag2, video, tum"):
         runner.invoke(app, ["export", str(found_folder), "--to", "docx"], catch_exceptions=False)
     with pytest.raises(BadInput, match="cannot be written: No such file"):
         export_run(found_folder, "tally", tmp_path / "no" / "tally.csv")

@@ -36,7 +36,7 @@ FAULTS = {
     "a scalar for a factor": (("[1, 2, 3]", "3"), "must be a list, a range {low, high, steps} or a distribution"),
     "an unknown design": (
         ("kind: grid", "kind: gird"),
-        "7:16: design.kind: got 'gird'; must be one of grid, latin-hyp",
+        "7:16: design.kind: got 'gird'; must be one of grid, rows, latin-hyp",
     ),
     "no points": (("kind: grid", "kind: sobol, points: 0"), "design.points: got 0; must be greater than or equal to 1"),
     "an unbalanced Sobol": (
