@@ -47,6 +47,8 @@ def write_page(file: Path, result: Result) -> None:
         "open": "OPEN: no limit is broken, but not all are shown to be kept; more scans would tell.",
         "no limits": "No limits were stated: the figures decide nothing.",
     }[result.decision]
+    if result.extrapolated:
+        verdict += " EXTRAPOLATED: beyond what the testbench was held against, see below."
     page = html_page(f"Plan: {plan.name}", plan.why, verdict, result.decision == "go", sections)
     with whole_file(file) as work:
         work.write_text(page, encoding="utf-8")

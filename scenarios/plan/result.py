@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from algorithms.trust.exact_bounds import Share, share_of
+from scenarios.field.extrapolated import extrapolated
 from scenarios.plan.findings import (
     Detection,
     Kept,
@@ -21,10 +22,12 @@ from scenarios.plan.findings import (
     seen_share_pct,
 )
 from scenarios.plan.plan_file import Plan, scene_speed
+from scenarios.plan.scans import rows_of
 from scenarios.plan.studies import CONFIRM, MAIN, causes_of, study_of
 from scenarios.provenance import versions
 from scenarios.study.gather import Mean, mean_of
 from scenarios.study.plain import canonical
+from scenarios.study.plan import Recipe
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,8 @@ class Result:
     speeds: list[AtSpeed]
     without: list[Without]
     confirmed: list[Confirmed]
+    extrapolated: list[str]
+    """Why it goes beyond what the testbench was held against."""
 
     @property
     def decision(self) -> str:
@@ -91,7 +96,19 @@ def result_of(plan: Plan, found: dict[str, Scans], few: int) -> Result:
         for cause, name in ((cause, study_of(cause)) for cause in causes_of(plan))
     ]
     confirmed = _confirmed(plan, found[CONFIRM], tolerances) if CONFIRM in found else []
-    return Result(plan, scans, detections, tolerances, kept, sorted(speeds, key=_speed), without, confirmed)
+    speeds, beyond = sorted(speeds, key=_speed), beyond_validated(plan, few)
+    return Result(plan, scans, detections, tolerances, kept, speeds, without, confirmed, beyond)
+
+
+def beyond_validated(plan: Plan, scans: int) -> list[str]:
+    """Why the plan's first scans are extrapolated, each figure once, with its first value."""
+    rows = rows_of(plan, scans, 0)
+    recipe = Recipe(plan.base, tuple(rows), {"default": plan.base["method"]}, (), "")
+    reasons: dict[str, str] = {}
+    for values in zip(*rows.values(), strict=True):
+        for reason in extrapolated(recipe.scenario(values, "default", 0)):
+            reasons.setdefault(reason.partition(":")[0], reason)
+    return list(reasons.values())
 
 
 def _speed(one: AtSpeed) -> float:
@@ -171,6 +188,7 @@ def not_covered(result: Result) -> list[str]:
         "Defect kinds, sizes and settings outside the stated ranges.",
         "Wall loss from outside: only internal loss is seen.",
     ]
+    words += [f"Extrapolated: {reason}." for reason in result.extrapolated]
     if not result.confirmed:
         words.append(
             "Scans in pictures: the figures stand on the cheap fidelity; give `confirm` to hold it against them."
@@ -189,6 +207,7 @@ def as_json(result: Result) -> dict[str, Any]:
     return {
         "plan": plan.file.name,
         "decision": result.decision,
+        "extrapolated": result.extrapolated,
         "version": versions()["pipetwin"],
         "settings": settings_hash(plan),
         "seed": plan.file.seed,
