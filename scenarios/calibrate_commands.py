@@ -10,13 +10,14 @@ from typing import Annotated, Any
 
 import typer
 
+from scenarios.options import AsJson
+
 BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 
 calibrate = typer.Typer(help="Calibrate camera, projector or IMU from pictures and logs.", no_args_is_help=True)
 OutRig = Annotated[
     Path, typer.Option("-o", "--out", metavar="RIG.YAML", help="The rig to write; a page goes beside it.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 BaseRig = Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig whose other parts are kept.")]
 
 

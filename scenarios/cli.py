@@ -17,6 +17,7 @@ from scenarios.cores import cores
 from scenarios.fidelity import commands as fidelity_commands
 from scenarios.field import commands as field_commands
 from scenarios.field import identify_commands, pages_commands
+from scenarios.options import AsJson, Jobs
 from scenarios.paper.commands import app as paper_commands
 from scenarios.plan import commands as plan_commands
 from scenarios.study import commands as study_commands
@@ -49,8 +50,6 @@ Changes = Annotated[
 MethodFile = Annotated[
     Path | None, typer.Option("--method", metavar="FILE", help="Measure by these settings, as `tune` writes them.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Jobs = Annotated[int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")]
 
 
 @app.command()

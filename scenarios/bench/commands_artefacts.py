@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from scenarios.cores import cores
+from scenarios.options import Jobs
 
 
 def register(app: typer.Typer) -> None:
@@ -29,9 +30,7 @@ def artefacts(
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="JSON and CSV.  [default: bench/artefacts]")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON: a list of rows.")] = False,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
-    ] = None,
+    jobs: Jobs = None,
 ) -> None:
     """Measure a ring gauge, a step gauge and a ball-bar of known size."""
     if reference is not None:

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from scenarios.cores import cores
-
-Jobs = Annotated[int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")]
+from scenarios.options import Jobs
 
 
 def register(app: typer.Typer) -> None:

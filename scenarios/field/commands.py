@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from scenarios.cores import cores
+from scenarios.options import Jobs
 
 FAILED = 1
 
@@ -39,9 +40,7 @@ def replay(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder.  [default: replays/NAME]")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
-    ] = None,
+    jobs: Jobs = None,
     live: Annotated[bool, typer.Option("--live", help="Follow a recording while it is written.")] = False,
     port: Annotated[
         int, typer.Option("--port", min=0, max=65535, help="Of the live page, on this machine alone; 0 is a free one.")

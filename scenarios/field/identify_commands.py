@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+from scenarios.options import AsJson
 
 
 def register(app: typer.Typer) -> None:

@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
+from scenarios.options import AsJson
+
 FAILED = 1
 DEPTH_SHOWN = ("before_mm", "after_mm", "change_mm", "change_low_mm", "change_high_mm", "verdict")
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A folder that `run` or `replay` made.")]
 
 

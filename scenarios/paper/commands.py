@@ -10,6 +10,7 @@ from typing import Annotated, Literal, no_type_check
 import typer
 
 from scenarios.cores import cores
+from scenarios.options import Jobs
 
 app = typer.Typer(help="Make the paper's tables and figures again, with the truth beside them; alone: what it holds.")
 
@@ -20,7 +21,6 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON: a list of rows
 OutFolder = Annotated[
     Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.  [default: paper/NAME]")
 ]
-Jobs = Annotated[int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")]
 
 
 @app.callback(invoke_without_command=True)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from scenarios.cores import cores
+from scenarios.options import Jobs
 
 
 def register(app: typer.Typer) -> None:
@@ -20,9 +21,7 @@ def plan(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder.  [default: plans/NAME]")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
-    ] = None,
+    jobs: Jobs = None,
 ) -> None:
     """Say what a deployment can promise, what limits it most, and whether it keeps the limits."""
     from scenarios.plan.conduct import make_plan

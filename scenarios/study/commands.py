@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenarios.cores import cores
+from scenarios.options import AsJson, Dask, Jobs, StudyOut
 
 if TYPE_CHECKING:
     from scenarios.progress import Progress
 
 FAILED = 1
 StudyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder that `study` wrote.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -29,15 +29,9 @@ def register(app: typer.Typer) -> None:
 
 def study(
     file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (YAML).")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Study folder.  [default: studies/NAME]")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option("--dask", metavar="tcp://HOST:PORT", help="Run on this Dask scheduler's workers.")
-    ] = None,
+    out: StudyOut = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Go on with an older ledger.")] = True,
 ) -> None:
     """Run what is left of a study, and write its page."""
@@ -54,15 +48,9 @@ def study(
 
 def sensitivity(
     file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (YAML) of `design: saltelli`.")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Study folder.  [default: studies/NAME]")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option("--dask", metavar="tcp://HOST:PORT", help="Run on this Dask scheduler's workers.")
-    ] = None,
+    out: StudyOut = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
 ) -> None:
     """Say which cause makes which score vary: Sobol's indices with their intervals."""
     from scenarios.study.conduct import How
@@ -91,9 +79,7 @@ def tune(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder.  [default: tunings/NAME]")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes.  [default: all cores]")
-    ] = None,
+    jobs: Jobs = None,
     storage: Annotated[
         str | None, typer.Option("--storage", metavar="URL", help="Optuna's database.  [default: SQLite in DIR]")
     ] = None,

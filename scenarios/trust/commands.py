@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from scenarios.options import AsJson
+
 Csv = Annotated[Path, typer.Argument(metavar="CSV", help="A table with one head line.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Scale = Literal["log", "linear"]
 
 
