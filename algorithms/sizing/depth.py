@@ -18,6 +18,7 @@ ABOVE_PERCENTILE = 0.25  # a bowl's depths are even over its area: a quarter of 
 CELL_LOSS = 1.6  # a cell's own median takes a part again of what the smoothing over nine cells takes
 LOSS_OPEN = 0.9  # of such a correction, one standard deviation
 SMOOTHED_CELLS = 9  # cells that share their points' noise
+LARGE_CELLS = 20 * SMOOTHED_CELLS  # in a smaller defect a few cells may be its tip
 RUN_MM = 3.0  # a floor stays level for so long behind a shadow
 LEVEL_SHARE = 0.07  # of the depth: a floor that drops by less over that run is level
 BORE_STD_MM = 0.025  # the local bore, from which depth is counted
@@ -43,7 +44,7 @@ def floor_of(
     cell_mm: float,
 ) -> Floor:
     """The depth of one defect in a window of the map."""
-    near = inside & (deviation > NEAR_DEEPEST_SHARE * deviation[inside].max())
+    near = inside & (deviation > NEAR_DEEPEST_SHARE * _deepest_mm(deviation[inside]))
     depths, sigma = deviation[near], float(np.median(noise[near]))
     middle, top = np.percentile(depths, [50, DEEPEST_PERCENTILE])
     seen = _is_seen(deviation, inside, float(top), sigma, cell_mm)
@@ -57,6 +58,21 @@ def floor_of(
     lost = CELL_LOSS * max(_lost_mm(deviation, near & (deviation >= top)) - sigma, 0.0)
     above = ABOVE_PERCENTILE * max(top - middle - PERCENTILE_SIGMAS * sigma, 0.0)
     return Floor(float(top - added + lost + above), float(np.hypot(std, LOSS_OPEN * (lost + above))), True)
+
+
+def _deepest_mm(depths: Float[np.ndarray, "n"]) -> float:
+    """The largest depth that is no stray: of a large defect, one that as many cells come close to as are smoothed over.
+
+    Fewer are a place too small to be told from a few points that were taken for another slit, at the rim of a shadow.
+    """
+    ordered = np.sort(depths)[::-1]
+    first = 0
+    while depths.size - first >= LARGE_CELLS:
+        close = int(np.count_nonzero(ordered[first:] > NEAR_DEEPEST_SHARE * ordered[first]))
+        if close >= SMOOTHED_CELLS:
+            break
+        first += close
+    return float(ordered[first])
 
 
 def _lost_mm(deviation: Float[np.ndarray, "around along"], deepest: Bool[np.ndarray, "around along"]) -> float:

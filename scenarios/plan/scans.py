@@ -16,6 +16,7 @@ from scenarios.study.factors import Factor
 from scenarios.study.study import factors_of
 
 TARGETS_FOR_A_CURVE = 60  # of a kind: MIL-HDBK-1823A's least for hits and misses
+SHALLOW_SHARE = 0.6  # of the depths up to the detection limit, where hits and misses decide whether it is kept
 MARGIN_MM = 12.0  # between a defect and the end of its slot
 STRUT_MARGIN_DEG = 6.0
 DIGITS = 3
@@ -61,6 +62,9 @@ def _features(file: PlanFile, scene: Scenario, scan: int, rng: np.random.Generat
     for k in range(file.per_scan):
         name = names[(scan * file.per_scan + k) % len(names)]
         given = {key: _drawn(value, rng) for key, value in file.defects[name].items()}
+        limit = file.limits.a90_95_pct
+        if limit is not None and rng.random() < SHALLOW_SHARE:
+            given[DRAWN_DEPTHS] = _drawn([file.defects[name][DRAWN_DEPTHS][0], limit], rng)
         depth_mm = round(scene.pipe.wall_mm * given.pop(DRAWN_DEPTHS) / 100, DIGITS)
         long = max((given[key] for key in SIZES_ALONG if key in given), default=0.0)
         free = slot_mm - long - 2 * MARGIN_MM

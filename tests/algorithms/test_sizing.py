@@ -116,6 +116,22 @@ def test_a_shadow_under_the_near_rim_does_not_move_the_edge(margin_mm):
     assert found.length_std_mm < 3.0
 
 
+def test_a_few_stray_cells_do_not_deepen_a_floor():
+    wall = _map(_pipe(POCKET), noise=0.05)
+    strayed = wall.radius_mm.copy()
+    strayed[118:121, 118:121] = 76.2 + 11.0  # three by three, at the near rim, 3.5 mm below the floor
+    for radius in (wall.radius_mm, strayed):
+        (found,) = _measure(replace(wall, radius_mm=radius))
+        assert found.depth_mm == pytest.approx(7.5, abs=0.1)
+        assert found.length_mm == pytest.approx(70, abs=1.5)
+
+
+def test_a_pit_in_a_floor_is_the_deepest_place():
+    pit = {"kind": "pit", "distance_mm": 150, "clock_deg": 120, "diameter_mm": 12, "depth_mm": 5.0}
+    (found,) = _measure(_map(_pipe({**POCKET, "depth_mm": 2.5}, pit)))
+    assert found.depth_mm == pytest.approx(5.0, abs=0.6)
+
+
 def test_a_place_that_only_a_blurred_ring_saw_is_no_defect():
     wall = _map(_pipe(), noise=0.05)
     radius, sigma = wall.radius_mm.copy(), wall.sigma_mm.copy()
