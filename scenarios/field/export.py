@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 from scenarios.document import BadInput, nearest
 from scenarios.field.export_bag import write_mcap, write_rosbag2
 from scenarios.field.export_video import write_video
-from scenarios.field.run_formats import FORMATS, export_run
+from scenarios.field.run_formats import FORMATS, Format, export_run
 from scenarios.study.export import Format as StudyFormat
 from scenarios.study.export import export as write_tables
 from scenarios.study.ledger import FILE as LEDGER
 
-
-class RunFormat(NamedTuple):
-    """How a run is written in one format: `write(run, target)`, and what the target is called inside `RUN/export`."""
-
-    write: Callable[[Path, Path], None]
-    target: str
-
-
 # the log's formats; those of what was measured from it are in `run_formats`
 RUN_FORMATS = {
-    "mcap": RunFormat(write_mcap, "recording.mcap"),
-    "rosbag2": RunFormat(write_rosbag2, "rosbag2"),
-    "video": RunFormat(write_video, "video"),
+    "mcap": Format(write_mcap, "recording.mcap"),
+    "rosbag2": Format(write_rosbag2, "rosbag2"),
+    "video": Format(write_video, "video"),
 }
 
 
@@ -57,8 +48,8 @@ def _known(what: str, to: str, formats: dict[str, Any]) -> Any:
     return formats[to]
 
 
-def _export_run(run: Path, chosen: RunFormat, out: Path | None) -> Path:
-    target = out or run / "export" / chosen.target
+def _export_run(run: Path, chosen: Format, out: Path | None) -> Path:
+    target = out or run / "export" / chosen.name
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -228,15 +228,19 @@ def seen_share_pct(scans: Scans) -> Mean:
     return mean_of(100 * scans.figures["seen_share"])
 
 
-def all_tolerances(plan: Plan, scans: Scans) -> list[Tolerance]:
-    """Tolerances of sizes over all kinds, and of distance and roll over all scans."""
-    share, confidence = plan.file.share, plan.file.confidence
+def all_errors(plan: Plan, scans: Scans) -> dict[str, Float[np.ndarray, "n"]]:
+    """Every error that a tolerance is promised for: of sizes over all kinds, of distance and roll over all scans."""
     errors = scans.looks.errors(plan.scene.pipe.wall_mm)
-    named = {
+    return {
         "depth_error_pct": errors["depth_pct"],
         "length_error_mm": errors["length_mm"],
         "width_error_mm": errors["width_mm"],
         "distance_error_pct": scans.figures["distance_error_pct"],
         "roll_error_deg": scans.figures["roll_rms_deg"],
     }
-    return [tolerance(what, values, share, confidence) for what, values in named.items()]
+
+
+def all_tolerances(plan: Plan, scans: Scans) -> list[Tolerance]:
+    """A tolerance for each of them."""
+    share, confidence = plan.file.share, plan.file.confidence
+    return [tolerance(what, values, share, confidence) for what, values in all_errors(plan, scans).items()]

@@ -15,6 +15,7 @@ from scenarios.plan.findings import (
     Kept,
     Scans,
     Tolerance,
+    all_errors,
     all_tolerances,
     detection,
     false_calls,
@@ -147,19 +148,10 @@ def _changes(plan: Plan, scans: Scans, without: Scans, few: int) -> dict[str, Me
 
 def _confirmed(plan: Plan, pictures: Scans, tolerances: list[Tolerance]) -> list[Confirmed]:
     """How many errors of fresh scans in pictures lie inside the promise."""
-    fresh = {one.what: one for one in all_tolerances(plan, pictures)}
-    errors = pictures.looks.errors(plan.scene.pipe.wall_mm)
-    values = {
-        "depth_error_pct": errors["depth_pct"],
-        "length_error_mm": errors["length_mm"],
-        "width_error_mm": errors["width_mm"],
-        "distance_error_pct": pictures.figures["distance_error_pct"],
-        "roll_error_deg": pictures.figures["roll_rms_deg"],
-    }
-    rows = []
+    values, rows = all_errors(plan, pictures), []
     for one in tolerances:
         own = values[one.what][np.isfinite(values[one.what])]
-        if one.promised is not None and fresh[one.what].n:
+        if one.promised is not None and own.size:
             inside = share_of(int((np.abs(own) <= one.promised).sum()), own.size)
             rows.append(Confirmed(one.what, one.promised, inside))
     return rows
