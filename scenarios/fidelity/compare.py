@@ -17,12 +17,10 @@ from scenarios.run_folder import whole_file
 from scenarios.study.conduct import How, conduct, opened
 from scenarios.study.gather import mean_of
 from scenarios.study.ledger import DONE, STATES
-from scenarios.study.study import load_study
+from scenarios.study.study import save_study
 
 REFERENCE = "picture"
-SPREADS = (
-    2.0  # an interval within so many seed-to-seed standard deviations says that a seed does more than the fidelity
-)
+SPREADS = 2.0  # within so many standard deviations from seed to seed, a seed does more than the fidelity
 SHORTEST_S = 1e-3
 NEVER_COMPARED = {"ms_per_frame"}
 
@@ -76,8 +74,7 @@ def compare(
         study, folder = _study(base, [*fidelities, REFERENCE], seeds, noise, out)
         say(f"{base}: {len(fidelities) + 1} fidelities x {seeds} seeds")
         conduct(study, folder, how, progress, say)
-        scores, seconds = _scores(folder)
-        names = load_study(study).record
+        names, scores, seconds = _scores(folder)
         for fidelity in fidelities:
             found += [
                 _compared(base, fidelity, name, scores[fidelity][:, k], scores[REFERENCE][:, k])
@@ -101,8 +98,6 @@ def _in_order(found: list[Compared]) -> list[str]:
 
 
 def _study(base: str, fidelities: list[str], seeds: int, noise: str, out: Path) -> tuple[Path, Path]:
-    from ruamel.yaml import YAML
-
     file = Path(base)
     name = file.stem
     document = {
@@ -114,28 +109,27 @@ def _study(base: str, fidelities: list[str], seeds: int, noise: str, out: Path) 
         "design": {"kind": "grid", "seeds": seeds},
     }
     study = out / f"{name}.yaml"
-    with whole_file(study) as work, work.open("w") as text:
-        YAML(typ="safe", pure=True).dump(document, text)
+    save_study(document, study)
     return study, out / name
 
 
-def _scores(folder: Path) -> tuple[dict[str, Float[np.ndarray, "seeds scores"]], dict[str, float]]:
-    """Scores of each fidelity by seed, NaN where there is none; and the median seconds of its runs."""
+def _scores(folder: Path) -> tuple[list[str], dict[str, Float[np.ndarray, "seeds scores"]], dict[str, float]]:
+    """Names of the scores; each fidelity's by seed, NaN where there is none; and the median seconds of its runs."""
     values: dict[str, dict[int, list[Any]]] = {}
     seconds: dict[str, list[float]] = {}
     with opened(folder) as ledger:
-        width = len(ledger.about("identity")["record"])
+        names = ledger.about("identity")["record"]
         for row in ledger.rows(by_key=False):
             (fidelity,) = row.values
             whole = row.state == STATES[DONE]
-            values.setdefault(fidelity, {})[row.seed] = row.figures if whole else [None] * width
+            values.setdefault(fidelity, {})[row.seed] = row.figures if whole else [None] * len(names)
             seconds.setdefault(fidelity, []).extend(
                 [max(row.seconds, SHORTEST_S)] if whole and row.seconds is not None else []
             )
     if empty := [name for name, spent in seconds.items() if not spent]:
         raise BadInput([f"{folder}: no run in {', '.join(empty)} ended well; `pipetwin status {folder}` says why"])
     tables = {name: np.array([rows[seed] for seed in sorted(rows)], dtype=float) for name, rows in values.items()}
-    return tables, {name: float(np.median(spent)) for name, spent in seconds.items()}
+    return names, tables, {name: float(np.median(spent)) for name, spent in seconds.items()}
 
 
 def _compared(base: str, fidelity: str, name: str, cheap: np.ndarray, dear: np.ndarray) -> Compared:

@@ -69,10 +69,8 @@ def measure(scenario: Scenario, pictures: int, workers: int, progress: Report) -
                 [f"slit {number}: seen at {slit.error_px.size} places in {pictures} pictures; {FEWEST} needed"]
             )
     near = [slit.error_px[np.abs(slit.error_px) < STRAY_PX] for slit in slits]
-    places, strays = (
-        sum(slit.error_px.size for slit in slits),
-        sum(s.error_px.size - n.size for s, n in zip(slits, near, strict=True)),
-    )
+    places = sum(slit.error_px.size for slit in slits)
+    strays = places - sum(errors.size for errors in near)
     bias = [float(np.median(errors)) for errors in near]
     noise = PointNoise(
         azimuths=scenario.method.decode.azimuths,

@@ -16,12 +16,12 @@ from scenarios.fidelity.noise import errors_of_picture
 from scenarios.load import library
 from scenarios.plan.plan_file import SCENE, Plan, scene_speed
 from scenarios.plan.scans import rows_of
-from scenarios.run_folder import whole_file
 from scenarios.scenario import Scenario
 from scenarios.study.cache import Cache
 from scenarios.study.conduct import How
 from scenarios.study.plan import Recipe
 from scenarios.study.scan import scan
+from scenarios.study.study import save_study
 
 MAIN, CONFIRM = "scans", "pictures"
 SPEED = "drive.speed_mm_s"
@@ -111,7 +111,7 @@ def keep_time(plan: Plan, rows: dict[str, Rows], how: How, say: Say) -> None:
     main = rows[MAIN]
     recipe = Recipe(plan.base, tuple(main), {"default": plan.base["method"]}, (), "")
     trials = [recipe.scenario([values[k] for values in main.values()], "default", 0) for k in range(2)]
-    _, frames = _tried(trials[0])  # which compiles
+    _tried(trials[0])  # which compiles
     cheap_s, frames = _tried(trials[1])
     runs = {name: len(own["seed"]) for name, own in rows.items()}
     total_s = (sum(runs.values()) - runs.get(CONFIRM, 0)) * cheap_s
@@ -154,8 +154,6 @@ def _picture_s(scenario: Scenario) -> float:
 
 def write_study(plan: Plan, file: Path, changes: dict[str, Any], rows: Rows) -> Path:
     """One of the plan's studies, as a file that `pipetwin study` would take, too."""
-    from ruamel.yaml import YAML
-
     base = plan.file.base
     document = {
         "name": file.stem,
@@ -165,6 +163,5 @@ def write_study(plan: Plan, file: Path, changes: dict[str, Any], rows: Rows) -> 
         "factors": rows,
         "design": {"kind": "rows"},
     }
-    with whole_file(file) as work, work.open("w") as text:
-        YAML(typ="safe", pure=True).dump(document, text)
+    save_study(document, file)
     return file

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from scenarios.document import BadInput, Document, Keys, dotted, nearest, read_file, shown, with_part, with_values
 from scenarios.load import Fault, checked, fault_lines, library, to_scenario
+from scenarios.run_folder import whole_file
 from scenarios.score import MEANINGS
 from scenarios.study.design import DESIGNS, Design, Grid, Rows, point_count
 from scenarios.study.factors import DISTRIBUTIONS, MOST_LEVELS, Factor, Levels, Range, same_values
@@ -68,6 +69,14 @@ def load_study(path: Path) -> Study:
         BadInput: with a line for every fault.
     """
     return sound_study(read_file(path, kind="study"), path)
+
+
+def save_study(document: dict[str, Any], file: Path) -> None:
+    """Write a study that was made by other code, as a file that `load_study` reads."""
+    from ruamel.yaml import YAML
+
+    with whole_file(file) as work, work.open("w") as text:
+        YAML(typ="safe", pure=True).dump(document, text)
 
 
 def sound_study(document: Document, path: Path) -> Study:
