@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import jaxtyping._import_hook as hook
 import pytest
@@ -42,3 +46,18 @@ def shared() -> Path:
         if (folder / "reference").is_dir():
             return folder
     pytest.skip("no reference data: put it beside the repository as ../shared, or name it in PIPETWIN_SHARED")
+
+
+@pytest.fixture(scope="session")
+def campaign() -> Callable[[str], ModuleType]:
+    """Loads a script of `campaigns/`, which is no package, by its name."""
+
+    def load(name: str) -> ModuleType:
+        spec = importlib.util.spec_from_file_location(name, ROOT / "campaigns" / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    return load

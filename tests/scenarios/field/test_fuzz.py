@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sqlite3
 import struct
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,18 +12,10 @@ from scenarios.document import BadInput
 from scenarios.field.raw_messages import MAGIC, mcap_messages, sqlite_messages
 from sensor_model.recording import write_frame_list
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 @pytest.fixture(scope="module")
-def fuzz():
-    spec = importlib.util.spec_from_file_location("fuzz", ROOT / "campaigns" / "fuzz.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["fuzz"] = module
-    spec.loader.exec_module(module)
-    return module
+def fuzz(campaign):
+    return campaign("fuzz")
 
 
 def test_mutated_logs_are_read_or_refused_with_words(fuzz, small_log, tmp_path):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import shutil
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ import pytest
 from scenarios.field.health_imu import imu_findings
 from sensor_model.recording import open_recording
 
-ROOT = Path(__file__).resolve().parents[3]
 SAMPLE = (
     "clock jumps back",
     "stamps in microseconds",
@@ -28,14 +24,8 @@ SAMPLE = (
 
 
 @pytest.fixture(scope="module")
-def faults():
-    spec = importlib.util.spec_from_file_location("faults", ROOT / "campaigns" / "faults.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["faults"] = module
-    spec.loader.exec_module(module)
-    return module
+def faults(campaign):
+    return campaign("faults")
 
 
 @pytest.fixture(scope="module")

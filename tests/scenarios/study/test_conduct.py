@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -16,7 +13,6 @@ from scenarios.study.child import WorkersFail
 from scenarios.study.conduct import facts_of, opened
 from scenarios.study.ledger import Ledger, LedgerFailed, only_parent
 
-ROOT = Path(__file__).resolve().parents[3]
 RUNS = 3 * 2 * 4 * 2
 
 
@@ -125,12 +121,8 @@ class _Stop:
         return call
 
 
-def test_kills_at_random_instants_lose_nothing(tmp_path):
-    spec = importlib.util.spec_from_file_location("kills", ROOT / "campaigns" / "kills.py")
-    assert spec is not None
-    assert spec.loader is not None
-    kills = sys.modules["kills"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(kills)
+def test_kills_at_random_instants_lose_nothing(campaign, tmp_path):
+    kills = campaign("kills")
     said = kills.run(tmp_path / "kills", kills=4, seeds=60, pause_s=0.05, seed=1)
     assert "4 kills" in said
 
