@@ -84,6 +84,7 @@ def _run(
     from scenarios.load import load_scenario
 
     scenario = load_scenario(name, changes, seed, method)
+    from scenarios.extrapolated import extrapolated
     from scenarios.progress import Progress
     from scenarios.run import run as run_scenario
 
@@ -101,6 +102,8 @@ def _run(
     width = max(map(len, score), default=0)
     for key, value in score.items():
         print(f"{key:<{width}}  {_figure(value)}")
+    for reason in extrapolated(scenario):
+        print(f"extrapolated: {reason}")
     print(f"report: {report}")
 
 

@@ -17,6 +17,7 @@ from algorithms.method import Method
 from algorithms.reconstruct import ReconstructionFailed, State, begin, finish, see, step
 from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
+from scenarios.extrapolated import extrapolated
 from scenarios.load import BadInput, load_scenario, scenario_yaml
 from scenarios.provenance import versions
 from scenarios.run_folder import run_folder
@@ -218,6 +219,7 @@ def provenance(scenario: Scenario, seconds: dict[str, float], peaks_kb: dict[int
     return {
         **versions(),
         "seed": scenario.seed,
+        "extrapolated": extrapolated(scenario),
         "nominal_rig": f"calibrated on {session.boards} boards" if session else "as stated",
         **effort(seconds, peaks_kb),
     }

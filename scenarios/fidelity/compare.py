@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scenarios.document import BadInput
+from scenarios.provenance import versions
 from scenarios.run_folder import whole_file
 from scenarios.study.conduct import How, conduct, opened
 from scenarios.study.gather import mean_of
@@ -153,7 +154,9 @@ def verdict_of(difference: float, half: float, spread: float) -> Verdict:
 def _write(out: Path, found: list[Compared], costs: list[Cost], noise: str) -> None:
     fidelities = list(dict.fromkeys(one.fidelity for one in found))
     data = {
+        "version": versions()["pipetwin"],
         "noise": noise,
+        "seeds": max(one.n for one in found),
         "spreads": SPREADS,
         "trusted": {name: trusted(found, name) for name in fidelities},
         "costs": [asdict(cost) for cost in costs],

@@ -14,8 +14,8 @@ from algorithms.identification.estimate import NORMAL_95, t_factor
 from algorithms.identification.scan import Walk, walk
 from algorithms.types import Defect
 from scenarios.document import BadInput
+from scenarios.extrapolated import extrapolated
 from scenarios.field.compare_page import compare_page
-from scenarios.field.extrapolated import extrapolated
 from scenarios.field.identify import seen_frames
 from scenarios.field.line import Line
 from scenarios.field.log_figures import WayFigure, log_figures, way_figures

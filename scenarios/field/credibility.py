@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import BaseModel
 from ruamel.yaml import YAML
 
-from scenarios.field.extrapolated import extrapolated
+from scenarios.extrapolated import extrapolated
 from scenarios.report.calibration_page import Section
 from scenarios.scenario import Scenario
 from sensor_model.settings import Settings

@@ -15,7 +15,8 @@ from algorithms.trust.exact_bounds import Rate, Share, rate_of, run_of_hits_boun
 from algorithms.trust.hit_miss import fit_hit_miss
 from algorithms.trust.repeats import pooled
 from scenarios.document import BadInput
-from scenarios.plan.plan_file import Limits, Plan
+from scenarios.fidelity.agreed import PICTURE, trusts
+from scenarios.plan.plan_file import SCORES, Limits, Plan
 from scenarios.study.conduct import opened
 from scenarios.study.gather import Mean, mean_of
 from scenarios.study.ledger import DONE, STATES
@@ -73,6 +74,7 @@ class Detection:
     a90_pct: float | None
     a90_95_pct: float | None
     convention: str
+    shown_in: str
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,8 @@ class Tolerance:
     bias: float
     share_within: float | None
     promised: float | None
+    shown_in: str
+    """The fidelity whose scans show it: that of the plan's scans where it agrees with pictures, else pictures."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,14 @@ def _name_of(feature: dict[str, Any], plan: Plan) -> str:
     raise ValueError(f"{feature} is none of the plan's defects")
 
 
-def detection(looks: Looks, kind: str) -> Detection:
+def shown_by(plan: Plan, limit: str, scans: Scans, pictures: Scans | None) -> tuple[Scans, str]:
+    """Which scans show a figure, and their fidelity: the plan's where it is trusted, else those in pictures if any."""
+    if pictures is None or trusts(plan.scene, SCORES[limit]):
+        return scans, plan.scene.sensing.fidelity
+    return pictures, PICTURE
+
+
+def detection(looks: Looks, kind: str, shown_in: str = PICTURE) -> Detection:
     """Detection of one kind: a curve where there are hits and misses that one can be fitted to."""
     own = looks.of(kind)
     found = share_of(int(own.hit.sum()), own.hit.size)
@@ -166,27 +177,31 @@ def detection(looks: Looks, kind: str) -> Detection:
         bound = run_of_hits_bound(own.depth_pct, own.hit)
         run = "the 29 smallest above the largest miss were found" if bound else "too few above the largest miss"
         words = f"no curve ({curve.outcome}): {run}"
-        return Detection(kind, found, None, None, bound, words)
+        return Detection(kind, found, None, None, bound, words, shown_in)
     best = a90_95(curve)[0]
-    return Detection(kind, found, size_at(curve, 0.5), size_at(curve, 0.9), best.size, best.convention)
+    return Detection(kind, found, size_at(curve, 0.5), size_at(curve, 0.9), best.size, best.convention, shown_in)
 
 
-def tolerance(what: str, errors: Float[np.ndarray, "n"], share: float, confidence: float) -> Tolerance:
+def tolerance(
+    what: str, errors: Float[np.ndarray, "n"], share: float, confidence: float, shown_in: str = PICTURE
+) -> Tolerance:
     """A distribution-free tolerance limit of the size of an error, by its order statistics (Wilks 1941)."""
     from scipy.stats import binom
 
     errors = errors[np.isfinite(errors)]
     n = errors.size
     if n == 0:
-        return Tolerance(what, 0, float("nan"), None, None)
+        return Tolerance(what, 0, float("nan"), None, None, shown_in)
     ordered = np.sort(np.abs(errors))
     # the r-th smallest covers the share with the confidence when fewer than r of n lie below the share's quantile
     rank = int(binom.ppf(confidence, n, share)) + 1
     promised = float(ordered[rank - 1]) if rank <= n else None
-    return Tolerance(what, n, float(errors.mean()), float(np.quantile(ordered, share)), promised)
+    return Tolerance(what, n, float(errors.mean()), float(np.quantile(ordered, share)), promised, shown_in)
 
 
-def kept_limits(plan: Plan, scans: Scans, by_kind: list[Detection], tolerances: list[Tolerance]) -> list[Kept]:
+def kept_limits(
+    plan: Plan, scans: Scans, pictures: Scans | None, by_kind: list[Detection], tolerances: list[Tolerance]
+) -> list[Kept]:
     """Every limit that was asked, with its verdict."""
     limits: Limits = plan.file.limits
     found = {one.what: one for one in tolerances}
@@ -199,10 +214,10 @@ def kept_limits(plan: Plan, scans: Scans, by_kind: list[Detection], tolerances: 
         if asked is not None and own is not None:
             rows.append(at_most(limit, asked, own.share_within, own.promised))
     if limits.false_calls_per_m is not None:
-        rate = false_calls(plan, scans)
+        rate = false_calls(plan, shown_by(plan, "false_calls_per_m", scans, pictures)[0])
         rows.append(at_most("false_calls_per_m", limits.false_calls_per_m, rate.per_m, rate.upper_per_m))
     if limits.seen_share_pct is not None:
-        seen = seen_share_pct(scans)
+        seen = seen_share_pct(shown_by(plan, "seen_share_pct", scans, pictures)[0])
         low = None if seen.half is None else -(seen.mean - seen.half)
         row = at_most("seen_share_pct", -limits.seen_share_pct, -seen.mean, low)
         rows.append(Kept(row.limit, -row.asked, seen.mean, None if low is None else -low, row.decision))
@@ -240,7 +255,14 @@ def all_errors(plan: Plan, scans: Scans) -> dict[str, Float[np.ndarray, "n"]]:
     }
 
 
-def all_tolerances(plan: Plan, scans: Scans) -> list[Tolerance]:
-    """A tolerance for each of them."""
-    share, confidence = plan.file.share, plan.file.confidence
-    return [tolerance(what, values, share, confidence) for what, values in all_errors(plan, scans).items()]
+def all_tolerances(plan: Plan, scans: Scans, pictures: Scans | None) -> list[Tolerance]:
+    """A tolerance for each of them, of scans in a fidelity that is trusted in it; of none where there are none."""
+    share, confidence, own = plan.file.share, plan.file.confidence, plan.scene.sensing.fidelity
+    cheap = all_errors(plan, scans)
+    dear = {} if pictures is None else all_errors(plan, pictures)
+    rows = []
+    for what, values in cheap.items():
+        trusted = trusts(plan.scene, SCORES[what])
+        shown = values if trusted else dear.get(what, np.empty(0))
+        rows.append(tolerance(what, shown, share, confidence, own if trusted else PICTURE))
+    return rows

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.plan.findings import false_calls, seen_share_pct
+from scenarios.fidelity.agreed import compared_on
+from scenarios.plan.findings import Tolerance, false_calls, seen_share_pct
 from scenarios.plan.result import Result, not_covered, settings_hash
 from scenarios.provenance import versions
 from scenarios.report.canvas import BLUE, SERIES, VERMILION, Picture, drawing, to_picture
@@ -68,13 +69,19 @@ def limits(result: Result) -> str:
 
 def tolerances(result: Result) -> str:
     """What is promised of sizes and places."""
-    head = cells("th", ["of", "n", "bias", "of the sample within", "promised"])
+    head = cells("th", ["of", "shown in", "n", "bias", "of the sample within", "promised"])
     rows = "".join(
-        cells("td", [NAMES[one.what], str(one.n), f"{one.bias:+.3g}", _number(one.share_within), _number(one.promised)])
-        for one in result.tolerances
+        cells("td", [NAMES[one.what], one.shown_in, str(one.n), *_figures(one)]) for one in result.tolerances
     )
-    caption = "Largest error to either side, by order statistics, whatever its distribution; of found defects."
+    caption = (
+        "Largest error to either side, by order statistics, whatever its distribution; of found defects. A cheap "
+        f"fidelity shows only what it was found to agree with pictures in: {compared_on(result.plan.scene)}."
+    )
     return table(head, rows, caption)
+
+
+def _figures(one: Tolerance) -> list[str]:
+    return [f"{one.bias:+.3g}" if one.n else "-", _number(one.share_within), _number(one.promised)]
 
 
 def errors(result: Result) -> Picture:
@@ -102,12 +109,12 @@ def errors(result: Result) -> Picture:
 
 def detections(result: Result) -> str:
     """Detection by kind."""
-    head = cells("th", ["kind", "found", "95 %", "a50, %", "a90, %", "a90/95, %", "convention"])
+    head = cells("th", ["kind", "shown in", "found", "95 %", "a50, %", "a90, %", "a90/95, %", "convention"])
     rows = ""
     for one in result.detections:
         share, sizes = one.found, (one.a50_pct, one.a90_pct, one.a90_95_pct)
-        ends = f"{100 * share.low:.1f} to {100 * share.high:.1f} %"
-        rows += cells("td", [one.kind, f"{share.counted} of {share.n}", ends, *map(_number, sizes), one.convention])
+        found = [f"{share.counted} of {share.n}", f"{100 * share.low:.1f} to {100 * share.high:.1f} %"]
+        rows += cells("td", [one.kind, one.shown_in, *found, *map(_number, sizes), one.convention])
     rate, seen = false_calls(result.plan, result.scans), seen_share_pct(result.scans)
     caption = (
         f"Depths in percent of the wall, on wall that is seen. False calls: {rate.calls} on {rate.length_m:.1f} m, at "
@@ -177,7 +184,8 @@ def confirmed(result: Result) -> str:
         ends = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
         said = "yes" if inside.share >= asked else "not shown otherwise" if inside.high >= asked else "NO"
         rows += cells("td", [NAMES[one.what], f"{one.promised:.3g}", f"{inside.counted} of {inside.n}", ends, said])
-    return table(head, rows, f"Errors inside the promise, which is for {100 * asked:g} % of all.")
+    caption = f"Errors inside the promise, which is for {100 * asked:g} % of all, where it was made without pictures."
+    return table(head, rows, caption)
 
 
 def essential(result: Result) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
+from algorithms.trust.exact_bounds import hits_needed
 from scenarios.document import BadInput, Document, read_file, shown
+from scenarios.fidelity.agreed import compared_on, trusts
 from scenarios.load import Fault, checked, fault_lines
 from scenarios.scenario import Scenario
 from scenarios.study.plan import recipe_of
@@ -20,6 +23,21 @@ from twin.features import FAMILIES
 Positive = Annotated[float, Field(gt=0)]
 Pct = Annotated[float, Field(gt=0, le=100)]
 DRAWN_DEPTHS = "depth_pct"
+SCORES = {
+    "depth_error_pct": "depth_error_mm_max",
+    "length_error_mm": "length_error_mm_max",
+    "width_error_mm": "width_error_mm_max",
+    "distance_error_pct": "distance_error_pct",
+    "roll_error_deg": "roll_rms_deg",
+    "a90_95_pct": "defects_found",
+    "false_calls_per_m": "false_calls",
+    "seen_share_pct": "seen_share",
+}
+"""By limit: the score in which a cheap fidelity must agree with pictures for the limit to be shown there."""
+SIZES = ("depth_error_pct", "length_error_mm", "width_error_mm", "a90_95_pct")
+"""Limits that every defect of a scan says something of."""
+RATES = ("false_calls_per_m", "seen_share_pct")
+"""Limits on means, for which the fewest scans with an interval will do."""
 FEWEST_SLOT_MM = 20.0
 
 
@@ -150,6 +168,7 @@ def _contradictions(file: PlanFile, scene: Scenario) -> Iterator[Fault]:
         if limits.a90_95_pct is not None and not low < limits.a90_95_pct <= high:
             allowed = f"outside the depths {low:g} to {high:g} % of defects.{name}, which could never show it"
             yield Fault(("limits", "a90_95_pct"), f"{limits.a90_95_pct:g}", allowed)
+    yield from _untrusted(file, scene)
     speeds = file.speeds_mm_s or (scene_speed(scene),)
     fastest = max((speed for speed in speeds if speed), default=None)
     if limits.minutes_per_m is not None and fastest and 1000 / fastest / 60 > limits.minutes_per_m:
@@ -162,6 +181,19 @@ def _contradictions(file: PlanFile, scene: Scenario) -> Iterator[Fault]:
         if limits.seen_share_pct > 100 - strut:
             allowed = f"the strut alone hides {strut:.1f} % of the wall; two passes, or less"
             yield Fault(("limits", "seen_share_pct"), f"{limits.seen_share_pct:g}", allowed)
+
+
+def _untrusted(file: PlanFile, scene: Scenario) -> Iterator[Fault]:
+    """Limits on what the scene's fidelity is not to be trusted in, unless pictures can show them."""
+    of_all = hits_needed(file.share, file.confidence)
+    for limit, score in SCORES.items():
+        if getattr(file.limits, limit) is None or trusts(scene, score):
+            continue
+        needed = 2 if limit in RATES else ceil(of_all / file.per_scan) if limit in SIZES else of_all
+        if file.confirm < needed:
+            why = f"{score} in `{scene.sensing.fidelity}` does not stand for pictures ({compared_on(scene)})"
+            allowed = f"{why}; confirm: {needed} or more shows it in pictures"
+            yield Fault(("limits", limit), f"{getattr(file.limits, limit):g}", allowed)
 
 
 def scene_speed(scene: Scenario) -> float | None:

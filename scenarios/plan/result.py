@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from typing import Any
 
 import numpy as np
 
 from algorithms.trust.exact_bounds import Share, share_of
-from scenarios.field.extrapolated import extrapolated
+from scenarios.extrapolated import reasons_of
+from scenarios.fidelity.agreed import PICTURE, compared_on
 from scenarios.plan.findings import (
     Detection,
     Kept,
@@ -21,6 +22,7 @@ from scenarios.plan.findings import (
     false_calls,
     kept_limits,
     seen_share_pct,
+    shown_by,
 )
 from scenarios.plan.plan_file import Plan, scene_speed
 from scenarios.plan.scans import rows_of
@@ -84,9 +86,12 @@ class Result:
 def result_of(plan: Plan, found: dict[str, Scans], few: int) -> Result:
     """Everything that the plan's studies say."""
     scans = found[MAIN]
-    detections = [detection(scans.looks, kind) for kind in plan.file.defects]
-    tolerances = all_tolerances(plan, scans)
-    kept = kept_limits(plan, scans, detections, tolerances)
+    pictures = found.get(CONFIRM)
+    seen_in, shown_in = shown_by(plan, "a90_95_pct", scans, pictures)
+    detections = [detection(seen_in.looks, kind, shown_in) for kind in plan.file.defects]
+    tolerances = all_tolerances(plan, scans, pictures)
+    confirmed = [] if pictures is None else _confirmed(plan, pictures, tolerances)
+    kept = withheld(kept_limits(plan, scans, pictures, detections, tolerances), confirmed, plan.file.share)
     own = scene_speed(plan.scene)
     speeds = [_at_speed(plan, found[MAIN], own, few)] if own and plan.file.speeds_mm_s else []
     for speed in plan.file.speeds_mm_s:
@@ -96,7 +101,6 @@ def result_of(plan: Plan, found: dict[str, Scans], few: int) -> Result:
         Without(cause, _changes(plan, scans, found[name], few))
         for cause, name in ((cause, study_of(cause)) for cause in causes_of(plan))
     ]
-    confirmed = _confirmed(plan, found[CONFIRM], tolerances) if CONFIRM in found else []
     speeds, beyond = sorted(speeds, key=_speed), beyond_validated(plan, few)
     return Result(plan, scans, detections, tolerances, kept, speeds, without, confirmed, beyond)
 
@@ -105,11 +109,7 @@ def beyond_validated(plan: Plan, scans: int) -> list[str]:
     """Why the plan's first scans are extrapolated, each figure once, with its first value."""
     rows = rows_of(plan, scans, 0)
     recipe = Recipe(plan.base, tuple(rows), {"default": plan.base["method"]}, (), "")
-    reasons: dict[str, str] = {}
-    for values in zip(*rows.values(), strict=True):
-        for reason in extrapolated(recipe.scenario(values, "default", 0)):
-            reasons.setdefault(reason.partition(":")[0], reason)
-    return list(reasons.values())
+    return reasons_of(recipe.scenario(values, "default", 0) for values in zip(*rows.values(), strict=True))
 
 
 def _speed(one: AtSpeed) -> float:
@@ -146,10 +146,18 @@ def _changes(plan: Plan, scans: Scans, without: Scans, few: int) -> dict[str, Me
     return changed
 
 
+def withheld(kept: list[Kept], confirmed: list[Confirmed], share: float) -> list[Kept]:
+    """The limits, open again where pictures show that the promise which would keep them does not hold."""
+    broken = {one.what for one in confirmed if one.inside.high < share}
+    return [replace(row, decision="open") if row.decision == "go" and row.limit in broken else row for row in kept]
+
+
 def _confirmed(plan: Plan, pictures: Scans, tolerances: list[Tolerance]) -> list[Confirmed]:
-    """How many errors of fresh scans in pictures lie inside the promise."""
+    """How many errors of fresh scans in pictures lie inside the promise, where that was made without them."""
     values, rows = all_errors(plan, pictures), []
     for one in tolerances:
+        if one.shown_in == PICTURE:
+            continue
         own = values[one.what][np.isfinite(values[one.what])]
         if one.promised is not None and own.size:
             inside = share_of(int((np.abs(own) <= one.promised).sum()), own.size)
@@ -185,6 +193,9 @@ def not_covered(result: Result) -> list[str]:
         words.append(
             "Scans in pictures: the figures stand on the cheap fidelity; give `confirm` to hold it against them."
         )
+    unshown = [one.what for one in result.tolerances if one.shown_in == PICTURE and one.promised is None]
+    if unshown:
+        words.append(f"{', '.join(unshown)}: the cheap fidelity is not trusted there, and pictures are too few.")
     if result.scans.counts["failed"]:
         words.append(f"{result.scans.counts['failed']} scans that failed; their defects are in no figure.")
     if not plan.file.vary:
@@ -206,6 +217,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "confidence": plan.file.confidence,
         "share": plan.file.share,
         "scans": result.scans.counts,
+        "trust": compared_on(plan.scene),
         "detections": [{**asdict(one), "found": one.found._asdict()} for one in result.detections],
         "tolerances": [asdict(one) for one in result.tolerances],
         "false_calls": rate._asdict(),

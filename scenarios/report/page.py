@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
+from scenarios.extrapolated import extrapolated
 from scenarios.report.canvas import Picture
 from scenarios.report.comparison import Row, rows
 from scenarios.report.numbers import score_figure
@@ -62,7 +63,7 @@ def _page(run: Run, links: str, body: str) -> str:
         f"""<h1>Pipe scan report: {name}</h1>
 <p class="lead">{escape(run.scenario.why)}</p>
 <p class="verdict {"clean" if clean else "faulty"}">{escape(verdict(run))}</p>
-<ul class="tiles">{tiles}</ul>
+{_beyond(run)}<ul class="tiles">{tiles}</ul>
 {links}""",
         f"""<section id="scan"><h2>What was scanned</h2>{facts(scanned(run))}</section>
 {body}""",
@@ -70,6 +71,12 @@ def _page(run: Run, links: str, body: str) -> str:
 A simulated scan: the measurement never saw the truth it is compared with here. Lengths in millimetres, angles
 in degrees, clock positions in h:mm.""",
     )
+
+
+def _beyond(run: Run) -> str:
+    """Where the scenario leaves what the testbench was held against."""
+    reasons = "; ".join(extrapolated(run.scenario))
+    return f'<p class="note"><b>Extrapolated.</b> {escape(reasons)}.</p>\n' if reasons else ""
 
 
 def _drive(run: Run) -> str:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from html import escape
+from itertools import islice
 from math import isfinite
 from pathlib import Path
 
+from scenarios.extrapolated import reasons_of
 from scenarios.report.canvas import Picture
 from scenarios.report.shell import page_html
 from scenarios.run_folder import whole_file
 from scenarios.study.figures import over_factor, unity
 from scenarios.study.gather import Gathered, Mean, gather, levels, mean_of, paired
-from scenarios.study.ledger import Ledger, Row
+from scenarios.study.ledger import DONE, STATES, Ledger, Row
+from scenarios.study.plan import Recipe
 
 PAGE_FILE = "study.html"
 MOST_FAILURES = 200
 REFRESH_S = 15
 LONGEST_VALUE = 40
+MOST_LOOKED_AT = 200
 
 
 def write_page(ledger: Ledger, file: Path, running: bool = False) -> None:
@@ -24,7 +28,7 @@ def write_page(ledger: Ledger, file: Path, running: bool = False) -> None:
     counts = ledger.counts()
     sections = {"Failures": failures(ledger, counts["failed"]), "Progress": progress(ledger, counts, running)}
     if not running and counts["done"]:
-        sections |= _findings(ledger)
+        sections |= _findings(ledger) | beyond_validated(ledger)
     with whole_file(file) as work:
         work.write_text(_page(ledger, counts, sections, running), encoding="utf-8")
 
@@ -59,7 +63,19 @@ seed share their draws over the factors' values too.""",
     )
 
 
-# ---- failures and progress
+# ---- failures, progress, and how far it is to be believed
+
+
+def beyond_validated(ledger: Ledger) -> dict[str, str]:
+    """Why the study's runs go beyond what the testbench was held against: no section where they do not."""
+    known = ledger.about("identity")
+    recipe = Recipe(known["base"], tuple(known["paths"]), known["methods"], tuple(known["record"]), known["code"])
+    done = (row for row in ledger.rows(by_key=False) if row.state == STATES[DONE])
+    reasons = reasons_of(recipe.scenario(row.values, row.method, row.seed) for row in islice(done, MOST_LOOKED_AT))
+    if not reasons:
+        return {}
+    listed = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
+    return {"Extrapolated: beyond what the testbench was held against": f"<ul>{listed}</ul>"}
 
 
 def failures(ledger: Ledger, count: int) -> str:

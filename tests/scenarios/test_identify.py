@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from scenarios.document import BadInput
+from scenarios.extrapolated import extrapolated
 from scenarios.field.compare import compare
 from scenarios.field.credibility import credibility, sources
-from scenarios.field.extrapolated import extrapolated
 from scenarios.field.identify import identify
 from scenarios.load import load_scenario
 from scenarios.progress import Progress

@@ -93,6 +93,7 @@ def test_the_page_says_failures_first_and_every_n(folder: Path):
         "Over pipe.features.0.depth_mm",
         "Over sensing.points.pixel_noise_px",
         "Measured over true",
+        "Extrapolated: beyond what the testbench was held against",
     ]
     assert "&lt;script&gt;it&lt;/script&gt; broke" in page
     assert "<script" not in page

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from scenarios.scenario import Scenario
@@ -101,6 +101,15 @@ def extrapolated(scenario: Scenario) -> list[str]:
             side = f"at least {one.low:g}" if value < one.low else f"at most {one.high:g}"
             reasons.append(f"{one.name}: {value:.4g}; validated for {side} by {one.by}")
     return reasons + _kinds(scenario)
+
+
+def reasons_of(scenarios: Iterable[Scenario]) -> list[str]:
+    """Why these are extrapolated: each figure once, with its first value."""
+    reasons: dict[str, str] = {}
+    for scenario in scenarios:
+        for reason in extrapolated(scenario):
+            reasons.setdefault(reason.partition(":")[0], reason)
+    return list(reasons.values())
 
 
 def _kinds(scenario: Scenario) -> list[str]:
