@@ -1,4 +1,4 @@
-"""A recording as an MCAP file or a ROS 2 bag: pictures as they are, every number exact, rig and pipe as text beside."""
+"""A run as an MCAP file or a ROS 2 bag: its log, every number exact, rig and pipe as text, and what was measured."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from scenarios.document import BadInput
 from scenarios.field import ros
+from scenarios.field.found_run import MADE, FoundRun, read_found
+from scenarios.field.measured_messages import measured
 from scenarios.field.place import recording_in
-from scenarios.run_folder import whole_file, whole_folder
 from sensor_model.recording import SLIT_PIXELS_SUFFIX, Recording, open_recording
 
 Storage = Literal["mcap", "sqlite3"]
@@ -29,34 +30,32 @@ class Message(NamedTuple):
     content: Any
 
 
-def write_mcap(run: Path, target: Path) -> None:
-    """Write a run's recording as one MCAP file.
+def export_mcap(run: Path, target: Path) -> None:
+    """Write a run as one MCAP file.
 
     Raises:
         BadInput: when there is no recording, the package for bags is not there, or the file cannot be written.
     """
-    recording = open_recording(recording_in(run))
-    with whole_file(target) as work, tempfile.TemporaryDirectory(dir=work.parent, prefix=".mcap-") as folder:
-        _write(recording, Path(folder) / "bag", "mcap")
-        (Path(folder) / "bag" / "bag.mcap").replace(work)
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".mcap-") as folder:
+        _write(run, Path(folder) / "bag", "mcap")
+        (Path(folder) / "bag" / "bag.mcap").replace(target)
 
 
-def write_rosbag2(run: Path, target: Path) -> None:
-    """Write a run's recording as the folder of a ROS 2 bag.
+def export_rosbag2(run: Path, target: Path) -> None:
+    """Write a run as the folder of a ROS 2 bag.
 
     Raises:
         BadInput: when there is no recording, the package for bags is not there, or the folder cannot be written.
     """
-    recording = open_recording(recording_in(run))
-    with whole_folder(target) as work:
-        _write(recording, work / target.name, "sqlite3")
-        for file in (work / target.name).iterdir():
-            file.rename(work / file.name)
-        (work / target.name).rmdir()
+    _write(run, target / "bag", "sqlite3")  # the file's name is its folder's, and stands in the metadata
+    for file in (target / "bag").iterdir():
+        file.rename(target / file.name)
+    (target / "bag").rmdir()
 
 
-def _write(recording: Recording, folder: Path, storage: Storage) -> None:
-    types = ros.types()
+def _write(run: Path, folder: Path, storage: Storage) -> None:
+    types, recording = ros.types(), open_recording(recording_in(run))
+    found = read_found(run) if (run / MADE).is_dir() else None
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     latest = max(recording.frame_stamps_ns[-1], recording.imu_stamps_ns[-1], recording.encoder_stamps_ns[-1])
@@ -64,7 +63,7 @@ def _write(recording: Recording, folder: Path, storage: Storage) -> None:
         raise BadInput([f"{recording.folder}: stamp {latest}; a ROS stamp ends at {ros.LARGEST_STAMP_NS} ns"])
     with Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()]) as bag:
         topics: dict[str, Any] = {}
-        for message in messages(recording):
+        for message in messages(recording, found):
             if message.topic not in topics:
                 kind = ros.TOPICS[message.topic]
                 topics[message.topic] = bag.add_connection(message.topic, kind, typestore=types)
@@ -72,11 +71,13 @@ def _write(recording: Recording, folder: Path, storage: Storage) -> None:
             bag.write(topics[message.topic], message.stamp_ns, content)
 
 
-def messages(recording: Recording) -> Iterator[Message]:
-    """All of a recording in order of time; of pictures no more than one is held."""
+def messages(recording: Recording, found: FoundRun | None) -> Iterator[Message]:
+    """All of a recording, and of what was measured, in order of time; of pictures no more than one is held."""
     logs = [_settings(recording), _imu(recording), _wheels(recording), _frames(recording)]
     if not _one_clock(recording):
         logs.append(_attitudes(recording))
+    if found is not None:
+        logs.append(Message(stamp, 6, topic, content) for stamp, topic, content in measured(found))
     return heapq.merge(*logs, key=lambda message: message[:2])
 
 
@@ -140,11 +141,9 @@ def _frames(recording: Recording) -> Iterator[Message]:
 
 def _cloud(recording: Recording, index: int, head: Any) -> Any:
     """The slit pixels of one frame, in pixels, as a cloud of points."""
-    known, seen = ros.types().types, recording[index].slit_pixels
+    seen = recording[index].slit_pixels
     if seen is None:
         raise BadInput([f"{recording.folder / recording.frame_files[index]}: no slit pixels"])
     rows = np.zeros(seen.slit.size, dtype=ros.SLIT_POINT)
     rows["pixel"], rows["slit"], rows["sigma_px"] = seen.pixel, seen.slit, seen.sigma_px
-    fields = [known["sensor_msgs/msg/PointField"](name, offset, kind, 1) for name, offset, kind in ros.SLIT_FIELDS]
-    data, step = np.frombuffer(rows.tobytes(), dtype=np.uint8), ros.SLIT_POINT.itemsize
-    return known[ros.SLITS](head, 1, rows.size, fields, False, step, step * rows.size, data, True)
+    return ros.cloud(rows, ros.SLIT_FIELDS, head)

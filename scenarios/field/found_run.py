@@ -21,6 +21,7 @@ from sensor_model.geometry import rotation_from_wxyz, transform
 from sensor_model.recording import BadRecording, NominalPipe, Recording, open_recording
 from sensor_model.rig import load_settings
 
+MADE = "reconstruction"
 LARGEST_TABLE_BYTES = 200_000_000
 LARGEST_MAP_BYTES = 2_000_000_000
 MOST_FAULTS = 20
@@ -70,7 +71,7 @@ def read_found(folder: Path) -> FoundRun:
     Raises:
         BadInput: when the folder is no run, or a file in it cannot be used: file, line, value and what is expected.
     """
-    made = folder / "reconstruction"
+    made = folder / MADE
     if not made.is_dir():
         raise BadInput([f"{folder}: reconstruction/ is missing; `pipetwin run` makes such a folder"])
     wall, deviation = _read_map(made / "wall_map.npz")

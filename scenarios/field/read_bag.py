@@ -160,13 +160,16 @@ def _from_text(kind: type[AnySettings], name: str, texts: dict[str, str], log: P
 
 
 def _topic(role: str, named: str | None, held: dict[str, str], log: Path) -> str | None:
-    """The topic of a role: the one that was named, or else the only one of the role's types."""
+    """The topic of a role: the one that was named, or called as in our own bags, or else the only one of its types."""
     fitting = [topic for topic, kind in held.items() if kind in KINDS[role]]
     if named is not None:
         if named not in fitting:
             has = f"has {held[named]}" if named in held else "is not in the bag"
             raise BadInput([f"{log}: topic {named} of {role} {has}; {' or '.join(KINDS[role])} is expected"])
         return named
+    own = [topic for topic in fitting if topic in ros.OURS]
+    if len(own) == 1:
+        return own[0]
     if len(fitting) > 1:
         raise BadInput(
             [f"{log}: {role}: got {', '.join(sorted(fitting))}; say which by --topics, a file of `{role}: TOPIC`"]

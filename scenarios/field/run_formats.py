@@ -1,4 +1,4 @@
-"""A run's measurement in the formats that other tools open: one function a format, all with the same arguments."""
+"""A run, its log or what was measured, in the formats that other tools open: one function a format, all alike."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from scenarios.document import BadInput
+from scenarios.document import BadInput, nearest
+from scenarios.field.export_bag import export_mcap, export_rosbag2
 from scenarios.field.export_csv import export_csv
 from scenarios.field.export_e57 import export_e57
 from scenarios.field.export_las import export_las
@@ -16,6 +17,7 @@ from scenarios.field.export_ply import export_ply
 from scenarios.field.export_stl import export_stl
 from scenarios.field.export_tally import export_tally
 from scenarios.field.export_tum import export_tum
+from scenarios.field.export_video import export_video
 
 
 class Format(NamedTuple):
@@ -26,6 +28,9 @@ class Format(NamedTuple):
 
 
 FORMATS = {
+    "mcap": Format(export_mcap, "recording.mcap"),
+    "rosbag2": Format(export_rosbag2, "rosbag2"),
+    "video": Format(export_video, "video"),
     "tum": Format(export_tum, "trajectory.tum"),
     "ply": Format(export_ply, "wall.ply"),
     "las": Format(export_las, "wall.las"),
@@ -43,7 +48,8 @@ def export_run(run_folder: Path, to: str, out: Path | None) -> Path:
         BadInput: for a format that runs have not, a run that cannot be read, or a place that cannot be written.
     """
     if to not in FORMATS:
-        raise BadInput([f"--to: got {to}; a run is exported to one of {', '.join(FORMATS)}"])
+        names = tuple(FORMATS)
+        raise BadInput([f"--to: got {to or 'nothing'}; a run goes to {', '.join(names)}{nearest(to, names)}"])
     place = out or run_folder / "export" / FORMATS[to].name
     work = place.with_name(f".{place.stem}.partial-{secrets.token_hex(4)}{place.suffix}")
     try:
