@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import struct
+import sys
 from collections.abc import Iterator
 from io import BufferedIOBase, BytesIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from scenarios.document import BadInput
 
@@ -42,7 +43,7 @@ def mcap_messages(file: Path, remarks: list[str]) -> Iterator[Raw]:
             raise BadInput([f"{file}: got no MCAP: it does not begin with its magic"])
         try:
             for code, record in _records(file, stream):
-                inside = _unpacked(file, record) if code == CHUNK else [(code, record)]
+                inside = _chunk(file, record) if code == CHUNK else [(code, record)]
                 for inner, body in inside:
                     if inner == SCHEMA:
                         kinds[_number(body, 0, "<H")] = _text(body, 2)[0]
@@ -74,14 +75,14 @@ def _records(file: Path, stream: BufferedIOBase) -> Iterator[tuple[int, memoryvi
         yield code, memoryview(body)
 
 
-def _unpacked(file: Path, record: memoryview) -> Iterator[tuple[int, memoryview]]:
+def _chunk(file: Path, record: memoryview) -> Iterator[tuple[int, memoryview]]:
     """The records inside a chunk."""
     size = _number(record, 16, "<Q")
     packing, after = _text(record, 28)
     if size > LARGEST_CHUNK_BYTES:
         raise BadInput([f"{file}: got a chunk that unpacks to {size} bytes; at most {LARGEST_CHUNK_BYTES}"])
     packed = record[after + 8 :]
-    data = bytes(packed) if packing == "" else _decompressed(file, packing, bytes(packed), size)
+    data = bytes(packed) if packing == "" else unpacked(file, packing, bytes(packed), size)
     if len(data) != size:
         raise BadInput([f"{file}: got a chunk of {len(data)} bytes where {size} were promised"])
     for code, body in _records(file, BytesIO(data)):
@@ -90,18 +91,15 @@ def _unpacked(file: Path, record: memoryview) -> Iterator[tuple[int, memoryview]
         yield code, body
 
 
-def _decompressed(file: Path, packing: str, packed: bytes, size: int) -> bytes:
-    """What was packed, but never more than was promised."""
+def unpacked(file: Path, packing: str, packed: bytes, size: int) -> bytes:
+    """What was packed, but never more than one byte above what it may be.
+
+    Raises:
+        BadInput: for what cannot be unpacked.
+    """
     try:
         if packing == "zstd":
-            import sys
-
-            if sys.version_info >= (3, 14):
-                from compression.zstd import ZstdDecompressor
-            else:
-                from backports.zstd import ZstdDecompressor
-
-            return ZstdDecompressor().decompress(packed, size + 1)
+            return zstd_unpacker()().decompress(packed, size + 1)
         if packing == "lz4":
             from lz4.frame import LZ4FrameDecompressor
 
@@ -111,6 +109,15 @@ def _decompressed(file: Path, packing: str, packed: bytes, size: int) -> bytes:
     except Exception as error:  # each library has errors of its own
         raise BadInput([f"{file}: got a chunk that {packing} cannot unpack: {error}"]) from error
     raise BadInput([f"{file}: packed by {packing[:20]!r}; zstd, lz4 or nothing is expected"])
+
+
+def zstd_unpacker() -> Any:
+    """The class that unpacks zstd, of Python itself or before it was there."""
+    if sys.version_info >= (3, 14):
+        from compression.zstd import ZstdDecompressor
+    else:
+        from backports.zstd import ZstdDecompressor
+    return ZstdDecompressor
 
 
 def _channel(body: memoryview, kinds: dict[int, str]) -> tuple[str, str]:

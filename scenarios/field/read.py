@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from scenarios.document import BadInput
-from scenarios.field.read_bag import is_bag, read_bag
+from scenarios.field.bag_files import is_bag
+from scenarios.field.read_bag import read_bag
 from scenarios.field.read_video import is_video, read_video
 from scenarios.field.told import Told
 from scenarios.run import Report

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -11,15 +10,15 @@ from pydantic import Field
 from scenarios.calibration.rig_file import read_settings
 from scenarios.document import BadInput
 from scenarios.field import ros
+from scenarios.field.bag_files import Bag, bag_messages, open_bag
 from scenarios.field.gather import TAKERS, Gathered, write_gathered
-from scenarios.field.raw_messages import LARGEST_MESSAGE_BYTES, Raw, mcap_messages, sqlite_messages
+from scenarios.field.raw_messages import LARGEST_MESSAGE_BYTES, Raw
 from scenarios.field.told import Told, needed
 from scenarios.run import Report
 from sensor_model.recording import NominalPipe
 from sensor_model.rig import MAX_SETTINGS_BYTES, AnySettings, Rig
 from sensor_model.settings import Settings
 
-METADATA = "metadata.yaml"
 SAY_EVERY = 2000
 
 Topic = Annotated[str, Field(pattern="^/", max_length=255)] | None
@@ -51,28 +50,28 @@ KINDS: dict[str, tuple[str, ...]] = {
 NAMED = {"rig": "/rig", "pipe": "/pipe"}  # text of this type may be anything: only by name
 
 
-def is_bag(log: Path) -> bool:
-    """Whether it is a bag's folder, or one file of a bag."""
-    return (log / METADATA).is_file() if log.is_dir() else log.suffix in (".mcap", ".db3")
-
-
 def read_bag(log: Path, told: Told, target: Path, progress: Report) -> list[str]:
     """Write a bag's measurements as a recording.
 
     Raises:
         BadInput: naming the topic and the message for what cannot be used.
     """
-    remarks: list[str] = []
     topics = read_settings(Topics, told.topics) if told.topics else Topics()
-    held, texts, total = _contents(log, topics)
+    (target / "cam0" / "data").mkdir(parents=True)
+    with open_bag(log, target) as bag:
+        return _gathered(log, bag, told, topics, target, progress)
+
+
+def _gathered(log: Path, bag: Bag, told: Told, topics: Topics, target: Path, progress: Report) -> list[str]:
+    remarks: list[str] = []
+    held, texts, total = _contents(log, bag, topics)
     rig, pipe = needed(_with_own_words(told, texts, log), log)
     chosen = {role: topic for role in KINDS if (topic := _topic(role, getattr(topics, role), held, log))}
     _check_complete(chosen, log)
     gathered = Gathered(target, rig, topics.wheels, "attitude" in chosen)
     roles = {topic: role for role, topic in chosen.items()}
     numbers = dict.fromkeys(roles, 0)
-    (target / "cam0" / "data").mkdir(parents=True)
-    for done, raw in enumerate(_messages(log, remarks), start=1):
+    for done, raw in enumerate(bag_messages(bag, remarks), start=1):
         if raw.topic in roles:
             numbers[raw.topic] += 1
             where = f"{log}: {raw.topic}, message {numbers[raw.topic]}"
@@ -82,54 +81,13 @@ def read_bag(log: Path, told: Told, target: Path, progress: Report) -> list[str]
     return remarks + write_gathered(gathered, pipe, log)
 
 
-def _messages(log: Path, remarks: list[str]) -> Iterator[Raw]:
-    """The messages of all files of a bag."""
-    for file in _files(log):
-        yield from mcap_messages(file, remarks) if file.suffix == ".mcap" else sqlite_messages(file)
-
-
-def _files(log: Path) -> list[Path]:
-    """The files of a bag, each in the bag's own folder.
-
-    Raises:
-        BadInput: for a file elsewhere, one that is missing, or one that is packed.
-    """
-    if not log.is_dir():
-        return [log]
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    file = log / METADATA
-    if file.stat().st_size > MAX_SETTINGS_BYTES:
-        raise BadInput([f"{file}: {file.stat().st_size} bytes; at most {MAX_SETTINGS_BYTES}"])
-    try:
-        about = YAML(typ="safe", pure=True).load(file.read_text())["rosbag2_bagfile_information"]
-        names = [str(name) for name in about["relative_file_paths"]]
-        packed = str(about.get("compression_mode") or "").upper()
-    except (YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise BadInput([f"{file}: got no bag's metadata: {str(error).splitlines()[0]}"]) from error
-    if packed not in ("", "NONE"):
-        raise BadInput(
-            [f"{file}: compression_mode: got {packed}; unpack it by `ros2 bag convert`, or use MCAP's chunks"]
-        )
-    files = []
-    for name in names:
-        inside = log / name
-        if PurePath(name).name != name or inside.is_symlink() or inside.suffix not in (".mcap", ".db3"):
-            raise BadInput([f"{file}: relative_file_paths: got {name[:80]!r}; a plain name (.mcap, .db3) is expected"])
-        if not inside.is_file():
-            raise BadInput([f"{inside}: missing, named in {file}"])
-        files.append(inside)
-    return files
-
-
-def _contents(log: Path, topics: Topics) -> tuple[dict[str, str], dict[str, str], int]:
+def _contents(log: Path, bag: Bag, topics: Topics) -> tuple[dict[str, str], dict[str, str], int]:
     """Every topic with its type, the texts of those that hold rig and pipe, and how many messages there are."""
     named = {getattr(topics, role) or topic: role for role, topic in NAMED.items()}
     held: dict[str, str] = {}
     texts: dict[str, str] = {}
     total = 0
-    for raw in _messages(log, []):
+    for raw in bag_messages(bag, []):
         total += 1
         held.setdefault(raw.topic, raw.kind)
         if raw.kind == ros.TEXT and raw.topic in named and len(raw.content) <= MAX_SETTINGS_BYTES:

@@ -12,6 +12,7 @@ import pytest
 
 from algorithms.method import Method
 from scenarios.document import BadInput
+from scenarios.field import ros
 from scenarios.field.export import export
 from scenarios.field.replay import replay
 from scenarios.field.told import Told
@@ -64,6 +65,27 @@ def test_a_bag_replays_to_the_same_bytes(to, small_log, first, tmp_path):
     (bag,) = export(small_log, to, tmp_path / f"log.{to}")
     replayed(bag, tmp_path / "replay")
     assert same(first / "reconstruction", tmp_path / "replay" / "reconstruction")
+
+
+@pytest.mark.usefixtures("without_page")
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
+def test_a_packed_bag_replays_to_the_same_bytes(mode, small_log, first, tmp_path):
+    pytest.importorskip("rosbags", reason="the package rosbags is not installed")
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+
+    (plain,) = export(small_log, "rosbag2", tmp_path / "plain")
+    packed = Writer(tmp_path / "packed", version=8, storage_plugin=StoragePlugin.SQLITE3)
+    packed.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+    with Reader(plain) as bag, packed:
+        known = {c.id: packed.add_connection(c.topic, c.msgtype, typestore=ros.types()) for c in bag.connections}
+        for connection, stamp, content in bag.messages():
+            packed.write(known[connection.id], stamp, content)
+    replayed(tmp_path / "packed", tmp_path / "replay")
+    assert same(first / "reconstruction", tmp_path / "replay" / "reconstruction")
+    about = tmp_path / "packed" / "metadata.yaml"
+    about.write_text(about.read_text().replace("zstd", "brotli"))
+    with pytest.raises(BadInput, match=r"got 'brotli'; zstd is expected|got 'packed\.db3\.brotli'"):
+        replayed(tmp_path / "packed", tmp_path / "again")
 
 
 @pytest.mark.usefixtures("without_page")
