@@ -69,7 +69,14 @@ seed share their draws over the factors' values too.""",
 def beyond_validated(ledger: Ledger) -> dict[str, str]:
     """Why the study's runs go beyond what the testbench was held against: no section where they do not."""
     known = ledger.about("identity")
-    recipe = Recipe(known["base"], tuple(known["paths"]), known["methods"], tuple(known["record"]), known["code"])
+    recipe = Recipe(
+        known["base"],
+        tuple(known["paths"]),
+        known["methods"],
+        tuple(known["record"]),
+        known["code"],
+        known.get("scenes", {}),
+    )
     done = (row for row in ledger.rows(by_key=False) if row.state == STATES[DONE])
     reasons = reasons_of(recipe.scenario(row.values, row.method, row.seed) for row in islice(done, MOST_LOOKED_AT))
     if not reasons:

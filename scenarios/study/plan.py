@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
 from typing import Any
@@ -15,7 +15,7 @@ from scenarios.scenario import Scenario
 from scenarios.study.design import points
 from scenarios.study.ledger import PlannedRun
 from scenarios.study.plain import canonical
-from scenarios.study.study import Study
+from scenarios.study.study import SCENARIO, Scene, Study
 
 KEY_DIGITS = 32
 WITHOUT_EFFECT = {"name", "why"}
@@ -31,27 +31,34 @@ class Recipe:
     methods: dict[str, dict[str, Any]]
     record: tuple[str, ...]
     code: str
+    scenes: dict[str, Scene] = field(default_factory=dict)
 
     @cached_property
-    def _texts(self) -> dict[str, str]:
-        return {name: json.dumps({**self.base, "method": method}) for name, method in self.methods.items()}
+    def _texts(self) -> dict[tuple[str, str], str]:
+        scenes = {"": Scene(base=self.base, methods=self.methods), **self.scenes}
+        return {
+            (name, method): json.dumps({**scene["base"], "method": settings})
+            for name, scene in scenes.items()
+            for method, settings in scene["methods"].items()
+        }
 
     def scenario(self, values: tuple[Any, ...] | list[Any], method: str, seed: int) -> Scenario:
-        """The scenario of one run: the base, the method, and the factors' values over both.
+        """The scenario of one run: the base (or the scenario it names), the method, and the factors' values over both.
 
         Raises:
             BadInput: when the values do not fit together.
         """
-        data = json.loads(self._texts[method])
+        told = dict(zip(self.paths, values, strict=True))
+        data = json.loads(self._texts[told.pop(SCENARIO, ""), method])
         data["seed"] = seed
-        for path, value in zip(self.paths, values, strict=True):
+        for path, value in told.items():
             put(data, path.split("."), value, path)
         return to_scenario(Document("these values", data, {}, {}))
 
 
 def recipe_of(study: Study, code: str) -> Recipe:
     """What workers need of a study."""
-    return Recipe(study.base, tuple(study.factors), study.methods, study.record, code)
+    return Recipe(study.base, tuple(study.factors), study.methods, study.record, code, study.scenes)
 
 
 def planned_runs(study: Study, recipe: Recipe) -> Iterator[PlannedRun]:
@@ -90,6 +97,7 @@ def identity(study: Study, code: str) -> dict[str, Any]:
         "methods": study.methods,
         "record": list(study.record),
         "code": code,
+        **({"scenes": study.scenes} if study.scenes else {}),
     }
 
 

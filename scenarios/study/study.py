@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
 from pydantic import Field
 
@@ -19,14 +19,17 @@ from sensor_model.settings import Settings
 
 MOST_FACTORS = 100
 MOST_METHODS = 100
+SCENARIO = "scenario"
+"""The factor whose values are scenarios: each run's base, in place of the study's."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 
 
 class StudyFile(Settings):
     """What a study file may say.
 
-    `set` and `factors` name settings by their paths, as `--set` does; `methods` states what each changes below
-    `method`, or names a file of method settings; `record` names figures of the score, all when left out.
+    `set` and `factors` name settings by their paths, as `--set` does, or `scenario`, whose values are bases themselves;
+    `methods` states what each changes below `method`, or names a file of method settings; `record` names figures of the
+    score, all when left out.
     """
 
     name: Name
@@ -39,6 +42,13 @@ class StudyFile(Settings):
     record: Annotated[tuple[str, ...], Field(min_length=1)] = tuple(MEANINGS)
     time_limit_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
     memory_limit_mb: Annotated[int, Field(ge=64)] | None = None
+
+
+class Scene(TypedDict):
+    """A scenario that a factor names: with every setting written out, and each method's settings in it."""
+
+    base: dict[str, Any]
+    methods: dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,7 @@ class Study:
     record: tuple[str, ...]
     time_limit_s: float
     memory_limit_mb: int | None
+    scenes: dict[str, Scene] = field(default_factory=dict)
 
     @property
     def planned(self) -> int:
@@ -96,12 +107,14 @@ def sound_study(document: Document, path: Path) -> Study:
     lines = fault_lines(document, faults)
     if lines or file is None or design is None:
         raise BadInput(lines)
-    base = _base(document, file, path)
+    base = _base(document, file, path, ("base",), file.base)
     methods = _methods(document, file, base, path)
-    _try_every_value(document, base, factors)
+    scenes = _scenes(document, file, path, factors.get(SCENARIO))
+    for each in [scene["base"] for scene in scenes.values()] or [base]:
+        _try_every_value(document, each, factors)
     seeds = design.seeds or (int(base["seed"]),)
     limits = file.time_limit_s, file.memory_limit_mb
-    return Study(file.name, file.why, base, factors, design, methods, seeds, file.record, *limits)
+    return Study(file.name, file.why, base, factors, design, methods, seeds, file.record, *limits, scenes)
 
 
 # ---- factors and design
@@ -197,16 +210,32 @@ def _unknown_figures(given: Any) -> list[Fault]:
 # ---- base and methods
 
 
-def _base(document: Document, file: StudyFile, path: Path) -> dict[str, Any]:
-    """The base scenario with `set` laid over it and every setting written out."""
-    named = library().get(file.base) or path.parent / file.base
+def _base(document: Document, file: StudyFile, path: Path, keys: Keys, base: str) -> dict[str, Any]:
+    """A scenario that stands at some place, with `set` laid over it and every setting written out."""
+    named = library().get(base) or path.parent / base
     if not named.is_file():
-        near = nearest(file.base, list(library()))
+        near = nearest(base, list(library()))
         allowed = f"no such scenario; give a file (from the study's folder), or one of {', '.join(library())}{near}"
-        raise BadInput(fault_lines(document, [Fault(("base",), shown(file.base), allowed)]))
+        raise BadInput(fault_lines(document, [Fault(keys, shown(base), allowed)]))
     resolved = to_scenario(read_file(named)).model_dump(mode="json")
     changes = [(name, value, _place(document, ("set", name), name)) for name, value in file.set.items()]
     return _resolved(document, resolved, changes, known=False)
+
+
+def _scenes(document: Document, file: StudyFile, path: Path, factor: Factor | None) -> dict[str, Scene]:
+    """Every scenario that the factor names; none where there is no such factor.
+
+    Raises:
+        BadInput: for what is no scenario.
+    """
+    found: dict[str, Scene] = {}
+    for i, name in enumerate((factor.levels() or (None,)) if factor is not None else ()):
+        keys: Keys = ("factors", SCENARIO, i)
+        if not isinstance(factor, Levels) or not isinstance(name, str):
+            raise BadInput(fault_lines(document, [Fault(keys, shown(name), "must be a list of scenarios' names")]))
+        base = _base(document, file, path, keys, name)
+        found[name] = Scene(base=base, methods=_methods(document, file, base, path))
+    return found
 
 
 def _methods(document: Document, file: StudyFile, base: dict, path: Path) -> dict[str, dict[str, Any]]:
@@ -300,6 +329,8 @@ def _try_every_value(document: Document, base: dict, factors: dict[str, Factor])
 
     lines: list[str] = []
     for path, factor in factors.items():
+        if path == SCENARIO:
+            continue
         levels = factor.levels()
         tried = levels if levels is not None else tuple(factor.at(np.array([0.5])))
         for i, value in enumerate(tried):

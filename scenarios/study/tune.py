@@ -6,46 +6,31 @@ import json
 import warnings
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from scenarios.document import BadInput
 from scenarios.load import settings_yaml
 from scenarios.run_folder import whole_file
-from scenarios.score import MEANINGS
 from scenarios.study.code import code_version
-from scenarios.study.conduct import LOG, MAKE, Report, Say
-from scenarios.study.engine import Processes
+from scenarios.study.conduct import MAKE, Report, Say
 from scenarios.study.gather import Mean, mean_of
-from scenarios.study.ledger import Job, LedgerFailed, Outcome, full_disk, only_parent
+from scenarios.study.ledger import only_parent
 from scenarios.study.plain import canonical
-from scenarios.study.plan import Recipe, differences, planned_runs, recipe_of
-from scenarios.study.scan import MS_PER_FRAME
-from scenarios.study.study import Study
+from scenarios.study.plan import Recipe, differences
+from scenarios.study.study import Scene, Study
+from scenarios.study.tune_bench import RECORD, Bench, Scores, setting_at, values_of
 from scenarios.study.tune_file import POINTS, Tuning, choices, is_number_range, load_tuning
 
 STORE = "tuning.sqlite"
 METHOD_FILE, RESULT_FILE, PAGE_FILE = "method.yaml", "tuning.json", "tuning.html"
-RECORD = (*MEANINGS, MS_PER_FRAME)
 DIGITS = 6  # of a searched number: more cannot matter, and are hard to read in a settings file
-SLOWEST_MS = 1e6  # what a scan that fails is taken for
 FOLDER = "tunings"
-
-Row = dict[str, float | int | None]
-Values = tuple[Any, ...]
-
-
-class Scores(NamedTuple):
-    """A method's figures on every scan, one row a scan, and the mean of each objective."""
-
-    each: Float[np.ndarray, "scans objectives"]
-    mean: tuple[float, ...]
 
 
 class Trial(NamedTuple):
@@ -91,7 +76,7 @@ def tune(
     """
     tuning = load_tuning(path)
     folder = out or Path(FOLDER) / tuning.file.name
-    with only_parent(folder), closing(_Bench(tuning, folder, workers, make)) as bench:
+    with only_parent(folder), closing(Bench(tuning, folder, workers, make)) as bench:
         optuna_study = _opened(tuning, storage or f"sqlite:///{folder.absolute() / STORE}")
         _search(tuning, bench, optuna_study, progress)
         front = _front(tuning, optuna_study)
@@ -102,84 +87,6 @@ def tune(
         tuned = Tuned(folder, chosen["settings"], front, importance, verdicts, trials)
         _write(tuning, tuned)
     return tuned
-
-
-# ---- making runs
-
-
-class _Bench:
-    """Makes the scans of a setting with worker processes; equal stages come out of the cache."""
-
-    def __init__(self, tuning: Tuning, folder: Path, workers: int, make: str) -> None:
-        self.tuning, self.folder, self.workers, self.make = tuning, folder, workers, make
-        self.engines: dict[str, Processes] = {}
-
-    def close(self) -> None:
-        """End all workers."""
-        for engine in self.engines.values():
-            engine.close()
-
-    def scores(self, study: Study, settings: list[dict[str, Any]], part: slice) -> list[Scores]:
-        """Scores of several settings on some of a study's scans, all made side by side."""
-        scans = list(planned_runs(study, recipe_of(study, "")))[part]
-        paths = (*study.factors, *self.tuning.search)
-        recipe = Recipe(study.base, paths, study.methods, RECORD, code_version())
-        jobs = [
-            Job(f"{i}-{k}", k, scan.method, scan.seed, [*scan.values, *_values(self.tuning, setting)])
-            for k, scan in enumerate(scans)
-            for i, setting in enumerate(settings)
-        ]
-        found = dict(self._outcomes(recipe, jobs))
-        return [self._scores([found[f"{i}-{k}"] for k in range(len(scans))], recipe.base) for i in range(len(settings))]
-
-    def _outcomes(self, recipe: Recipe, jobs: list[Job]) -> Iterator[tuple[str, Row | None]]:
-        with closing(self._engine(recipe).events(jobs)) as events:  # type: ignore[type-var]  # it is a generator
-            for event in events:
-                if not isinstance(event, Outcome):
-                    continue
-                if event.cause == "disk":
-                    raise LedgerFailed(f"{event.error}; {full_disk(self.folder)}")
-                figures = event.figures
-                yield event.key, None if figures is None else dict(zip(RECORD, figures, strict=True))
-
-    def _engine(self, recipe: Recipe) -> Processes:
-        """The engine of a recipe, whose workers wait for the next batch; those of another recipe are let go."""
-        name = canonical(asdict(recipe))
-        if name not in self.engines:
-            self.close()
-            file = self.tuning.file
-            setup = {"make": self.make, "recipe": asdict(recipe), "memory_limit_mb": file.memory_limit_mb}
-            self.engines = {name: Processes(setup, self.workers, file.time_limit_s, self.folder / LOG, keep=True)}
-        return self.engines[name]
-
-    def _scores(self, rows: list[Row | None], base: dict[str, Any]) -> Scores:
-        each = np.array([[_objective(name, row, base) for name in self.tuning.file.objectives] for row in rows])
-        return Scores(each, tuple(float(mean) for mean in each.mean(axis=0)))
-
-
-def _objective(name: str, row: Row | None, base: dict[str, Any]) -> float:
-    """One objective of one scan; a scan that fails, or finds nothing, has every error there is."""
-    features = len(base["pipe"]["features"])
-    deepest = max((float(feature["depth_mm"]) for feature in base["pipe"]["features"]), default=1.0)
-    if name == "depth_error_mm":
-        error = row["depth_error_mm_max"] if row is not None else None
-        return deepest if error is None else float(error)
-    if name == "misses_and_false_calls":
-        if row is None:
-            return float(features + 1)
-        return float((row["defects_true"] or 0) - (row["defects_found"] or 0) + (row["false_calls"] or 0))
-    return SLOWEST_MS if row is None else float(row[MS_PER_FRAME] or 0.0)
-
-
-def _values(tuning: Tuning, setting: dict[str, Any]) -> Values:
-    """What a setting puts at the searched paths, in their order; what it does not say stays the base's."""
-    return tuple(setting[path] if path in setting else _at(tuning.tuning.base, path) for path in tuning.search)
-
-
-def _at(data: Any, path: str) -> Any:
-    for name in path.split("."):
-        data = data[int(name)] if isinstance(data, list) else data[name]
-    return data
 
 
 # ---- the search
@@ -216,14 +123,18 @@ def _opened(tuning: Tuning, storage: str) -> Any:
 
 
 def _identity(tuning: Tuning) -> dict[str, Any]:
-    scans = {
-        name: recipe_of(study, "").base for name, study in (("tuning", tuning.tuning), ("hold_out", tuning.hold_out))
-    }
+    scans = {name: study.base for name, study in _parts(tuning).items()}
+    scans |= {f"{name} scenes": study.scenes for name, study in _parts(tuning).items() if study.scenes}
     file = tuning.file.model_dump(mode="json", exclude={"name", "why", "trials", "time_limit_s", "memory_limit_mb"})
     return {**scans, "file": file, "code": code_version()}
 
 
-def _search(tuning: Tuning, bench: _Bench, study: Any, progress: Report) -> None:
+def _parts(tuning: Tuning) -> dict[str, Study]:
+    parts = {"tuning": tuning.tuning, "hold_out": tuning.hold_out}
+    return parts if tuning.stress is None else {**parts, "stress": tuning.stress}
+
+
+def _search(tuning: Tuning, bench: Bench, study: Any, progress: Report) -> None:
     """Ask for a batch, make its scans, tell what came of it, until there are trials enough.
 
     The batch and its random numbers do not depend on the workers or on when the search was interrupted.
@@ -249,7 +160,7 @@ def _search(tuning: Tuning, bench: _Bench, study: Any, progress: Report) -> None
 
 
 def _looked_at(
-    tuning: Tuning, bench: _Bench, study: Any, settings: list[dict[str, Any]]
+    tuning: Tuning, bench: Bench, study: Any, settings: list[dict[str, Any]]
 ) -> list[tuple[float, ...] | None]:
     """Means on all scans; None for what the first scans show to be worse in everything than half of all so far."""
     first = max(round(tuning.file.first_look * tuning.tuning.planned), 1)
@@ -302,7 +213,7 @@ def _default(tuning: Tuning) -> dict[str, Any] | None:
     """The base's own settings as a trial; None when they lie outside of the search."""
     found: dict[str, Any] = {}
     for path, factor in tuning.search.items():
-        value = _at(tuning.tuning.base, path)
+        value = setting_at(tuning.tuning.base, path)
         if is_number_range(factor):
             if not factor.low <= value <= factor.high:  # type: ignore[attr-defined]
                 return None
@@ -344,15 +255,23 @@ def _chosen(front: list[dict[str, Any]]) -> dict[str, Any]:
     return front[int(np.argmin((far**2).sum(axis=1)))]
 
 
-def _judged(tuning: Tuning, bench: _Bench, winner: dict[str, Any]) -> Iterator[Verdict]:
-    """Winner and default on the hold-out, and on a few of its scans in pictures."""
+def _judged(tuning: Tuning, bench: Bench, winner: dict[str, Any]) -> Iterator[Verdict]:
+    """Winner and default on the hold-out, under stress, and on a few of the hold-out's scans in pictures."""
     yield _verdict(tuning, "points", *bench.scores(tuning.hold_out, [{}, winner], slice(None)))
+    if tuning.stress is not None:
+        yield _verdict(tuning, "points, under stress", *bench.scores(tuning.stress, [{}, winner], slice(None)))
     confirm = tuning.confirm
     if confirm.scans and confirm.fidelity != POINTS["sensing.fidelity"]:
-        base = tuning.hold_out.base
-        pictured = {**base, "sensing": {**base["sensing"], "fidelity": confirm.fidelity}}
-        study = Study(**{**vars(tuning.hold_out), "base": pictured})
+        study = _in_fidelity(tuning.hold_out, confirm.fidelity)
         yield _verdict(tuning, confirm.fidelity, *bench.scores(study, [{}, winner], slice(0, confirm.scans)))
+
+
+def _in_fidelity(study: Study, fidelity: str) -> Study:
+    def pictured(base: dict[str, Any]) -> dict[str, Any]:
+        return {**base, "sensing": {**base["sensing"], "fidelity": fidelity}}
+
+    scenes = {name: Scene(base=pictured(one["base"]), methods=one["methods"]) for name, one in study.scenes.items()}
+    return replace(study, base=pictured(study.base), scenes=scenes)
 
 
 def _verdict(tuning: Tuning, fidelity: str, default: Scores, winner: Scores) -> Verdict:
@@ -402,7 +321,7 @@ def _write(tuning: Tuning, tuned: Tuned) -> None:
     study = tuning.tuning
     recipe = Recipe(study.base, tuple(tuning.search), study.methods, RECORD, "")
     name = next(iter(study.methods))
-    scenario = recipe.scenario(_values(tuning, tuned.settings), name, study.seeds[0])
+    scenario = recipe.scenario(values_of(tuning, tuned.settings), name, study.seeds[0])
     figures = {
         "settings": tuned.settings,
         "front": tuned.front,

@@ -33,7 +33,10 @@ class Confirm(Settings):
 
 
 class TuneFile(Settings):
-    """What a tuning file may say; `tuning` and `hold_out` have `factors` and `design` as a study has."""
+    """What a tuning file may say; `tuning`, `hold_out` and `stress` have `factors` and `design` as a study has.
+
+    The search sees `tuning` alone; `hold_out` is more of the same kind, `stress` what lies beyond both.
+    """
 
     name: Name
     why: Annotated[str, Field(max_length=400)] = ""
@@ -41,6 +44,7 @@ class TuneFile(Settings):
     set: dict[str, Any] = Field(default={})
     tuning: dict[str, Any]
     hold_out: dict[str, Any]
+    stress: dict[str, Any] | None = None
     search: dict[str, Any] = Field(min_length=1, max_length=100)
     objectives: Annotated[tuple[str, ...], Field(min_length=1, max_length=3)] = tuple(OBJECTIVES)[:2]
     trials: Annotated[int, Field(ge=1, le=100_000)] = 50
@@ -60,6 +64,7 @@ class Tuning:
     file: TuneFile
     tuning: Study
     hold_out: Study
+    stress: Study | None
     search: dict[str, Factor]
     confirm: Confirm
 
@@ -81,9 +86,12 @@ def load_tuning(path: Path) -> Tuning:
     assert file is not None  # noqa: S101  it has no fault
     assert confirm is not None  # noqa: S101  nor has this
     tuning, hold_out = (sound_study(_part(document, name), path) for name in ("tuning", "hold_out"))
+    stress = None if file.stress is None else sound_study(_part(document, "stress"), path)
     search = sound_study(_searched(document), path).factors
-    _apart(document, tuning, hold_out)
-    return Tuning(file, tuning, hold_out, search, confirm)
+    _apart(document, "hold_out", tuning, hold_out)
+    if stress is not None:
+        _apart(document, "stress", tuning, stress)
+    return Tuning(file, tuning, hold_out, stress, search, confirm)
 
 
 def _unknown_objectives(given: Any) -> list[Fault]:
@@ -124,16 +132,16 @@ def _searched(document: Document) -> Document:
     return Document(document.source, {**common, "factors": search, "design": design}, values, keys, document.faults)
 
 
-def _apart(document: Document, tuning: Study, hold_out: Study) -> None:
-    """Refuse a hold-out that has been seen.
+def _apart(document: Document, name: str, tuning: Study, judging: Study) -> None:
+    """Refuse a part to judge by that has been seen.
 
     Raises:
         BadInput: saying how many scans stand in both.
     """
-    keys = [{run.key for run in planned_runs(s, recipe_of(s, code_version()))} for s in (tuning, hold_out)]
+    keys = [{run.key for run in planned_runs(s, recipe_of(s, code_version()))} for s in (tuning, judging)]
     if both := keys[0] & keys[1]:
         allowed = "these are tuned on too; take other seeds or other values"
-        raise BadInput(fault_lines(document, [Fault(("hold_out",), f"{len(both)} of {len(keys[1])} scans", allowed)]))
+        raise BadInput(fault_lines(document, [Fault((name,), f"{len(both)} of {len(keys[1])} scans", allowed)]))
 
 
 def is_number_range(factor: Factor) -> bool:

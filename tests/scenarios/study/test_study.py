@@ -156,3 +156,35 @@ def test_differences_are_named(lab):
     assert line == "factors.pipe.features.0.depth_mm.values was [1, 2, 3] and is [1, 2]"
     (line,) = differences(of(), of(("map.cell_z_mm: 5", "map.cell_z_mm: 4")))
     assert line == "methods.coarse.map.cell_z_mm was 5.0 and is 4.0"
+
+
+def test_scenarios_may_be_a_factor(lab):
+    """Each run has the base that it names, with `set` and the method's changes laid over that one."""
+    text = """\
+name: library
+base: field-dry
+set: {sensing.fidelity: points}
+factors:
+  scenario: [field-dry, field-oval, field-scratched]
+  sensing.points.pixel_noise_px: [0.1, 0.2]
+methods: {default: {}, coarse: {map.cell_z_mm: 5}}
+"""
+    study = load_study(lab.write(text=text))
+    recipe = recipe_of(study, "code")
+    runs = list(planned_runs(study, recipe))
+    assert len({run.key for run in runs}) == 3 * 2 * 2
+    made = {(run.values, run.method): recipe.scenario(run.values, run.method, run.seed) for run in runs}
+    oval, scratched = made[("field-oval", 0.2), "coarse"], made[("field-scratched", 0.1), "default"]
+    assert (oval.name, oval.pipe.ovality_pct, oval.sensing.fidelity) == ("field-oval", 1.0, "points")
+    assert (oval.method.map.cell_z_mm, oval.sensing.points.pixel_noise_px) == (5.0, 0.2)
+    assert scratched.method.map.cell_theta_deg == 0.25  # its own method, which is not the base's
+    assert made[("field-dry", 0.1), "default"].method.map.cell_theta_deg == 1.0
+    # what a worker gets travels as JSON
+    scenes = json.loads(json.dumps(recipe.scenes))
+    other = Recipe(recipe.base, recipe.paths, recipe.methods, recipe.record, "code", scenes)
+    assert other.scenario(("field-oval", 0.2), "coarse", 3) == recipe.scenario(("field-oval", 0.2), "coarse", 3)
+    with pytest.raises(BadInput, match=r"5:25: factors\.scenario\.1: got 'field-ovl'; no such scenario.*field-oval"):
+        load_study(lab.write(text=text.replace("field-oval", "field-ovl")))
+    listed = "[field-dry, field-oval, field-scratched]"
+    with pytest.raises(BadInput, match=r"must be a list of scenarios' names"):
+        load_study(lab.write(text=text.replace(listed, "{low: 1, high: 2, steps: 2}")))

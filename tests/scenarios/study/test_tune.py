@@ -101,6 +101,21 @@ def test_a_search_that_cannot_win_is_told_so(lab):
     assert page.count("<img") == 2  # trials over the objectives, and over the searched settings
 
 
+def test_it_is_judged_beyond_what_it_was_tuned_on_too(lab):
+    """Scans of other scenarios, and a part under stress that the search never sees."""
+    scenes = "{scenario: [field-dry, field-wet], sensing.points.pixel_noise_px: [0.1, 0.2, 0.3]}"
+    stress = "stress:\n  factors: {scenario: [field-oval]}\n  design: {kind: grid, seeds: 5}\nsearch:"
+    factors = "{sensing.points.pixel_noise_px: [0.1, 0.2, 0.3]}"
+    tuned = _tune(lab, "out", (factors, scenes), ("search:", stress), ("trials: 24", "trials: 8"))
+    assert [verdict.fidelity for verdict in tuned.verdicts] == ["points", "points, under stress"]
+    assert tuned.verdicts[1].difference["depth_error_mm"].n == 5
+    assert "under stress" in (lab.folder / "out" / "tuning.html").read_text()
+    seen = stress.replace("field-oval", "field-dry").replace("seeds: 5", "seeds: [0]")
+    seen = seen.replace("{scenario: [field-dry]}", "{scenario: [field-dry], sensing.points.pixel_noise_px: [0.1]}")
+    with pytest.raises(BadInput, match=r"stress: got 1 of 1 scans; these are tuned on too"):
+        _tune(lab, "seen", (factors, scenes), ("search:", seen))
+
+
 @pytest.mark.parametrize("sampler", ["nsga2", "random"])
 def test_other_samplers_and_three_objectives_work_too(lab, sampler):
     three = ("misses_and_false_calls]", f"misses_and_false_calls, ms_per_frame]\nsampler: {sampler}")
