@@ -9,10 +9,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from algorithms.reconstruct import reconstruct
-from scenarios.field.found_run import FoundRun, found_of
 from scenarios.field.match import SIZES, matched
 from scenarios.field.spool import CertifiedDefect, Spool
 from scenarios.field.verify import check_of
+from scenarios.found_run import FoundRun, found_of
 from scenarios.load import load_scenario
 from scenarios.scenario import nominal_pipe
 from sensor_model.recording import open_recording

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,20 +21,11 @@ import numpy as np
 
 from algorithms.calibration.slide import with_jag
 from algorithms.calibration.slide_in_scan import learn_slide_from_scan
-from algorithms.reconstruct import begin, mapped, see, sized, step, trajectory
-from algorithms.sizing.disposition import at_least
-from algorithms.trust.coverage import coverage_of, statement
-from algorithms.trust.detection import a90_95
-from algorithms.trust.curve import NoCurve, size_at
-from algorithms.trust.exact_bounds import rate_of, share_lower, share_of
-from algorithms.trust.hit_miss import fit_hit_miss
-from algorithms.trust.repeats import pooled
+from algorithms.reconstruct import begin, mapped, see, sized, step
+from algorithms.trust.exact_bounds import rate_of
 from algorithms.types import Defect, Reconstruction, Trajectory, WallMap
-from benchmarks.sizing import KINDS, pocket
-from scenarios.equations import err_pct
 from scenarios.load import load_scenario, scenario_yaml
-from scenarios.matching import false_calls, match
-from scenarios.oracle import oracle_err_pct
+from scenarios.matching import match
 from scenarios.run import sensed
 from scenarios.scenario import Scenario, nominal_pipe
 from sensor_model.recording import Recording, open_recording
@@ -179,7 +169,9 @@ def main() -> None:
     words.add_argument("--first", type=int, default=1000, help="the first scan's seed")
     words.add_argument("--scans", type=int, default=20)
     words.add_argument("--metres", type=float, default=100.0, help="of bare wall")
-    words.add_argument("--oval", type=float, default=0.0, help="ovality of bare wall, per cent, up to which it is drawn")
+    words.add_argument(
+        "--oval", type=float, default=0.0, help="ovality of bare wall, per cent, up to which it is drawn"
+    )
     words.add_argument("--maps", type=Path, default=None, help="a folder where wall maps stay")
     words.add_argument("--set", nargs="*", default=[], help="settings, as in `pipetwin run --set`")
     asked = words.parse_args()

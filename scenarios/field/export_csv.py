@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.field.found_run import FoundRun, read_found
+from scenarios.found_run import FoundRun, read_found
 from sensor_model.geometry import clock_position, twist_about_z_rad
 
 PATH_COLUMNS = ("time_s", "distance_mm", "x_mm", "y_mm", "roll_deg", "tilt_deg")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from scenarios.document import BadInput
-from scenarios.field.found_run import read_found
 from scenarios.field.wall_points import wall_points
+from scenarios.found_run import read_found
 
 
 def export_e57(run_folder: Path, out: Path) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from scenarios.document import BadInput
-from scenarios.field.found_run import read_found
 from scenarios.field.wall_points import wall_points
+from scenarios.found_run import read_found
 
 SCALE_M = 1e-6  # a micrometre, over two kilometres to either side
 

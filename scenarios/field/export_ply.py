@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from scenarios.artefacts import write_mesh
-from scenarios.field.found_run import read_found
+from scenarios.found_run import read_found
 
 
 def export_ply(run_folder: Path, out: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.artefacts import mesh_faces
-from scenarios.field.found_run import read_found
+from scenarios.found_run import read_found
 from sensor_model.geometry import wall_direction
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])

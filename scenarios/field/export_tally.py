@@ -11,7 +11,7 @@ import numpy as np
 
 from algorithms.sizing.disposition import at_least
 from algorithms.types import INWARD_RING, NO_LIGHT, THROUGH, Defect
-from scenarios.field.found_run import FoundRun, read_found
+from scenarios.found_run import FoundRun, read_found
 from sensor_model.geometry import clock_position
 
 TWO_SIDED_95 = 1.96

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from scenarios.field.found_run import read_found
+from scenarios.found_run import read_found
 
 
 def export_tum(run_folder: Path, out: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from algorithms.types import INWARD_RING, Defect
 from scenarios.field.alignment import Laid, Places, lay_over
 from scenarios.field.export_tally import TWO_SIDED_95, box_cells, joints_mm, remarks
-from scenarios.field.found_run import FoundRun, read_found
+from scenarios.found_run import FoundRun, read_found
 from sensor_model.geometry import clock_position
 
 SEEN_ENOUGH = 0.8  # of a defect's place: less, and nothing is said of what is not there

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scenarios.document import BadInput, shown
-from scenarios.field.found_run import read_arrays
+from scenarios.found_run import read_arrays
 from sensor_model.geometry import wall_angle_rad
 from twin.scanned import LONGEST_TEXT, MOST_CELLS, ScannedWall, scanned_wall
 

@@ -14,7 +14,7 @@ from algorithms.types import Defect
 from scenarios.artefacts import deepest_shown_mm
 from scenarios.field.export_csv import path_table
 from scenarios.field.export_tally import Interval, deepest_place, intervals, joints_mm, remarks
-from scenarios.field.found_run import FoundRun
+from scenarios.found_run import FoundRun
 from scenarios.report.canvas import SERIES
 from scenarios.report.comparison import LOOK_AHEAD_RADII
 from scenarios.view.page import packed, shades

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.field.export_tally import intervals, remarks
-from scenarios.field.found_run import FoundRun, read_found, recording_of
 from scenarios.field.twin_data import Shots, camera_shots, page_data, sized
+from scenarios.found_run import FoundRun, read_found, recording_of
 from scenarios.report.shell import page_html
 from scenarios.run_folder import whole_file
 from scenarios.view.page import SCENE

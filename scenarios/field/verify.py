@@ -14,9 +14,9 @@ from algorithms.types import INWARD_RING, Defect
 from scenarios.document import BadInput
 from scenarios.field.alignment import Laid, Places, lay_over
 from scenarios.field.export_tally import TWO_SIDED_95, box_cells
-from scenarios.field.found_run import FoundRun, found_of, read_found
 from scenarios.field.match import SEEN_ENOUGH, SIZES, places_of
 from scenarios.field.spool import CertifiedDefect, Spool
+from scenarios.found_run import FoundRun, found_of, read_found
 from sensor_model.recording import BadRecording, open_recording
 
 UNDAMAGED_MM = 0.4  # cells that lie less deep show the bore

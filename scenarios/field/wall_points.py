@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from scenarios.artefacts import deepest_shown_mm
-from scenarios.field.found_run import FoundRun
+from scenarios.found_run import FoundRun
 from sensor_model.geometry import wall_direction
 
 

@@ -10,30 +10,14 @@ import numpy as np
 from algorithms.trust.feature_class import CLASSES, feature_class
 from algorithms.types import INWARD, THROUGH, Defect, WallMap
 from scenarios.document import BadInput
+from scenarios.found_run import read_found
 from scenarios.matching import false_calls, match
 from scenarios.run import scenario_and_truth
-from scenarios.trust.columns import Table, numbers, place_of, raise_faults, read_table
 from sensor_model.geometry import wrap_rad
 from twin.features.base import Feature, TrueSize
 from twin.pipe import Pipe
 
 LEAST_SEEN = 0.5  # of a true outline's cells: what was seen less is not inspected wall
-MAP_ARRAYS = ("theta_rad", "z_mm", "radius_mm", "spread_mm", "sigma_mm", "count")
-WRITTEN = (
-    "start_mm",
-    "theta_deg",
-    "length_mm",
-    "width_mm",
-    "depth_mm",
-    "length_std_mm",
-    "width_std_mm",
-    "depth_std_mm",
-    "wall_loss_pct",
-    "unseen_share",
-    "cut_by_scan_end",
-    "floor_seen",
-    "volume_mm3",
-)
 
 
 @dataclass(frozen=True)
@@ -88,7 +72,8 @@ def read_scan(folder: Path) -> ScanOf:
         BadInput: when it is no whole run, or a file of it says something else.
     """
     _, truth = scenario_and_truth(folder)
-    wall = _wall(folder / "reconstruction" / "wall_map.npz")
+    found = read_found(folder)
+    wall = found.wall
     columns = wall.z_mm[wall.scanned()]
     if not columns.size:
         raise BadInput([f"{folder}: nothing of the wall was scanned"])
@@ -97,47 +82,7 @@ def read_scan(folder: Path) -> ScanOf:
         raise BadInput([f"{folder}: its bore is a scan, and nobody listed what that shows; it cannot be judged by it"])
     seen = tuple(_seen_share(wall, feature, pipe.bore_radius_mm) for feature in pipe.features)
     ends = float(columns[0]), float(columns[-1] + wall.cell_z_mm)
-    return ScanOf(folder, pipe, ends, seen, _defects(folder / "reconstruction" / "defects.csv"))
-
-
-def _wall(file: Path) -> WallMap:
-    try:
-        with np.load(file, allow_pickle=False) as held:
-            arrays = {name: held[name] for name in MAP_ARRAYS}
-    except (OSError, ValueError, KeyError) as error:
-        raise BadInput([f"{file}: cannot be read: {error}; run it again"]) from error
-    return WallMap(**{name: array if name == "count" else array.astype(float) for name, array in arrays.items()})
-
-
-def _defects(file: Path) -> tuple[Defect, ...]:
-    if file.is_file() and len(file.read_text().splitlines()) == 1:
-        return ()  # a head alone: nothing was called
-    table = read_table(file)
-    faults: list[str] = []
-    columns = {name: numbers(table, name, faults, empty=True) for name in WRITTEN}
-    classes, dispositions = (_text(table, name) for name in ("feature_class", "disposition"))
-    raise_faults(faults)
-    found = []
-    for i, (name, word) in enumerate(zip(classes, dispositions, strict=True)):
-        values = {key: float(column[i]) for key, column in columns.items()}
-        cut, lit, theta_deg = (values.pop(key) for key in ("cut_by_scan_end", "floor_seen", "theta_deg"))
-        found.append(
-            Defect(
-                **values,
-                theta_rad=float(np.radians(theta_deg)),
-                seen_cells=0,
-                cut_by_scan_end=bool(cut),
-                floor_seen=bool(lit),
-                feature_class=name,
-                disposition=word,
-            )
-        )
-    return tuple(found)
-
-
-def _text(table: Table, column: str) -> list[str]:
-    k = place_of(table, column)
-    return [row[k] for row in table.rows]
+    return ScanOf(folder, pipe, ends, seen, found.defects)
 
 
 def _seen_share(wall: WallMap, feature: Feature, bore_mm: float) -> float:

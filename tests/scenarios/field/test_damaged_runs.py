@@ -9,9 +9,9 @@ import pytest
 
 from scenarios.document import BadInput
 from scenarios.field.export_tally import tally
-from scenarios.field.found_run import read_found
 from scenarios.field.match import matched
 from scenarios.field.scan_file import read_scan
+from scenarios.found_run import read_found
 
 CASES = 25
 TOKENS = [b"nan", b"inf", b"-1", b"1e308", b"0", b"9" * 20, b"\xff", b"\0", b",", b"\n", b'"', b"-"]

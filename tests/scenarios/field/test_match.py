@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 from scenarios.cli import app
 from scenarios.document import BadInput
 from scenarios.field.alignment import Places, lay_over
-from scenarios.field.found_run import read_found
 from scenarios.field.match import matched, table, words
 from scenarios.field.match_page import write_match
+from scenarios.found_run import read_found
 
 RADIUS_MM = 76.2
 BEFORE = (

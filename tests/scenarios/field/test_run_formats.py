@@ -15,8 +15,8 @@ from scenarios.artefacts import write_defects
 from scenarios.cli import app
 from scenarios.document import BadInput
 from scenarios.field.export_tally import tally
-from scenarios.field.found_run import read_found
 from scenarios.field.run_formats import FORMATS, export_run
+from scenarios.found_run import read_found
 from sensor_model.geometry import wall_angle_rad
 
 OF_THE_LOG = ("mcap", "rosbag2", "video")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from scenarios.document import BadInput
-from scenarios.field.found_run import read_found
 from scenarios.field.match import matched
 from scenarios.field.scan_file import filled
+from scenarios.found_run import read_found
 from scenarios.load import load_scenario, scenario_yaml
 
 SCENARIO = """

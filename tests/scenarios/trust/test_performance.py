@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shutil
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from scenarios.artefacts import write_reconstruction
@@ -125,11 +125,14 @@ def test_what_is_no_run_is_said(folders, tmp_path):
 
 
 def test_a_damaged_defect_list_is_said_by_its_line(folders, tmp_path):
-    file = tmp_path / "defects.csv"
-    lines = (folders[0] / "reconstruction" / "defects.csv").read_text().splitlines()
-    file.write_text("\n".join([lines[0], lines[1].replace(lines[1].split(",")[5], "long")]) + "\n")
+    folder = tmp_path / "damaged"
+    shutil.copytree(folders[0], folder)
+    file = folder / "reconstruction" / "defects.csv"
+    head, first = file.read_text().splitlines()[:2]
+    file.write_text("\n".join([head, first.replace(first.split(",")[5], "long")]) + "\n")
     with pytest.raises(BadInput, match=r"defects\.csv:2: length_mm: got 'long'"):
-        runs._defects(file)
-    file.write_text(lines[0] + "\n")
-    assert runs._defects(file) == ()
-    assert np.isfinite(runs._defects(folders[0] / "reconstruction" / "defects.csv")[0].depth_mm)
+        runs.read_scan(folder)
+    file.write_text(head + "\n")
+    assert runs.read_scan(folder).defects == ()
+    file.write_text("\n".join([head, first]) + "\n")
+    assert runs.read_scan(folder).defects[0].seen_cells > 0
