@@ -11,6 +11,7 @@ from algorithms.types import WallMap
 
 BLOCK_MM = 200.0
 NOISE_WINDOW_MM = 10.0
+ROWS_WINDOW_MM = 100.0  # twice the longest groove around the pipe that rows do not take for their own scatter
 HARMONICS = 2
 ROUNDS = 10
 
@@ -136,48 +137,44 @@ def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Flo
     """Standard deviation of the undamaged wall in every cell; NaN where nothing was seen.
 
     How cells differ is known from the rings that saw them: the innermost is the least sharp, and sees alone where a
-    scan ends or the strut passed. How large it all is, is not: that is taken from the map, robustly around the wall and
-    in a window along it.
+    scan ends or the strut passed. How large it all is, is not: that is taken from the map, by how far the cells of a row
+    scatter around the wall (its own, or as in the rows around, whichever is more), and rows among each other. A row
+    that is deep as a whole, or for any part of it, is no noisier for that: a groove runs around the pipe.
     """
-    cell_mm = wall.cell_z_mm
-    half = max(round(NOISE_WINDOW_MM / cell_mm / 2), 1)
-    level = spreads_along((deviation / wall.sigma_mm).T.copy(), half)
+    half, far = (max(round(window / wall.cell_z_mm / 2), 1) for window in (NOISE_WINDOW_MM, ROWS_WINDOW_MM))
+    middle, wide = rows_of((deviation / wall.sigma_mm).T.copy())
+    within = np.fmax(wide, spreads_near(wide, half)[0])
+    level = np.hypot(within, spreads_near(middle, far)[1])
     return (level.astype(wall.sigma_mm.dtype) * wall.sigma_mm).astype(np.float64)
 
 
 @njit(cache=True, error_model="numpy")
-def spreads_along(relative, half):
-    """`spread` of what was seen in (along, around) columns, each with so many on either side; NaN of nothing."""
-    along, around = relative.shape
-    out, some = np.full(along, np.nan), np.empty((2 * half + 1) * around)
-    middle, wide = 0.0, 0.0
+def rows_of(relative):
+    """Of each of (along, around) rows the middle of its shortest half, and the standard deviation that tells; or NaN.
+
+    Where a row has two levels the shortest half lies in one of them: it knows of no step from one to the other.
+    """
+    along = relative.shape[0]
+    middle, wide = np.full(along, np.nan), np.full(along, np.nan)
     for row in range(along):
-        n = 0
-        for j in range(max(row - half, 0), min(row + half + 1, along)):
-            for i in range(around):
-                some[n] = relative[j, i]
-                n += np.isfinite(relative[j, i])
-        if n == 0:
+        values = np.sort(relative[row][np.isfinite(relative[row])])
+        if values.size == 0:
             continue
-        middle = median_near(some[:n], middle, 0.06 * wide)
-        for i in range(n):
-            some[i] = abs(some[i] - middle)
-        wide = median_near(some[:n], wide, 0.06 * wide)
-        out[row] = MAD_TO_SIGMA * wide
-    return out
+        half = values.size // 2
+        first = np.argmin(values[half:] - values[: values.size - half])
+        middle[row] = 0.5 * (values[first] + values[first + half])
+        wide[row] = MAD_TO_SIGMA * 0.5 * (values[first + half] - values[first])
+    return middle, wide
 
 
 @njit(cache=True, error_model="numpy")
-def median_near(values, guess, reach):
-    """The median; quickly where it lies within a reach of a guess, for then the few values there are enough."""
-    n, below, inside = values.size, 0, 0
-    near = np.empty(n)
-    for value in values:
-        near[inside] = value
-        inside += (value >= guess - reach) & (value <= guess + reach)
-        below += value < guess - reach
-    low, high = (n - 1) // 2 - below, n // 2 - below
-    if low < 0 or high >= inside:
-        return np.median(values)
-    near[:inside].sort()
-    return 0.5 * (near[low] + near[high])
+def spreads_near(values, half):
+    """Median of what is known among so many values on either side of each, and their spread about it; or NaN."""
+    middle, wide = np.full(values.size, np.nan), np.full(values.size, np.nan)
+    for k in range(values.size):
+        near = values[max(k - half, 0) : k + half + 1]
+        near = near[np.isfinite(near)]
+        if near.size:
+            middle[k] = np.median(near)
+            wide[k] = MAD_TO_SIGMA * np.median(np.abs(near - middle[k]))
+    return middle, wide

@@ -13,7 +13,7 @@ from algorithms.sizing.dark import with_dark
 from algorithms.sizing.depth import floor_of
 from algorithms.sizing.disposition import disposition
 from algorithms.sizing.edges import LOST_MM, edges_of, extent_of
-from algorithms.sizing.inward import as_inward, rings
+from algorithms.sizing.inward import as_inward
 from algorithms.sizing.segment import groups, segment
 from algorithms.sizing.thresholds import ThresholdSettings
 from algorithms.trust.feature_class import CLASSES, feature_class
@@ -21,6 +21,7 @@ from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
+AROUND_SHARE = 0.95  # of the lines seen: crossed on so many, a groove goes around the pipe
 TRAVEL_STD_SHARE = 0.003  # of a length: what wheels that slip or fall into the defect leave open of the travel
 
 
@@ -70,10 +71,8 @@ def measure_defects(
         windows = _windows(wall, deviation, threshold_mm, noise_mm, pipe, steepest_light_rad, settings)
         return [measure_one(wall, window, pipe, steepest_light_rad, settings.limit_pct) for window in windows]
 
-    around = list(rings(wall, deviation_mm, pipe, settings.threshold.min_depth_mm))
-    dents = [as_inward(height) for height in beyond(-deviation_mm)]
-    dents = [d for d in dents if not any(ring.start_mm <= d.distance_mm <= ring.end_mm for ring in around)]
-    return with_dark(wall, (*beyond(deviation_mm), *dents, *around), pipe, steepest_light_rad)
+    inward = (as_inward(height, pipe) for height in beyond(-deviation_mm))
+    return with_dark(wall, (*beyond(deviation_mm), *inward), pipe, steepest_light_rad)
 
 
 def _windows(
@@ -142,6 +141,13 @@ def measure_one(
     scanned = wall.scanned()
     # a sliver between unseen wall may come out shorter than the cells it is made of
     length, width = max(axial.end_mm - axial.start_mm, cell_z), max(arc.end_mm - arc.start_mm, cell_arc)
+    width_std = arc.std_mm
+    crossed = columns.size
+    looked_at = int(wall.seen[:, window.first_row + rows].any(axis=1).sum())
+    if crossed >= max(AROUND_SHARE * looked_at, wall.theta_rad.size / 2):
+        # as wide as the bore goes round, its middle at 12 o'clock by custom; what was not seen of it may be wall
+        width, turn = 2 * np.pi * pipe.inner_radius_mm, -float(wall.theta_rad[0])
+        width_std = 0.5 * (wall.theta_rad.size - crossed) * cell_arc
     loss, loss_std = (100 * part / pipe.wall_thickness_mm for part in (depth.depth_mm, depth.std_mm))
     first, last = window.first_row + rows[0], window.first_row + rows[-1]
     return Defect(
@@ -152,7 +158,7 @@ def measure_one(
         theta_rad=float(np.mod(wall.theta_rad[0] + turn, 2 * np.pi)),
         wall_loss_pct=loss,
         length_std_mm=float(np.hypot(axial.std_mm, TRAVEL_STD_SHARE * length)),
-        width_std_mm=arc.std_mm,
+        width_std_mm=width_std,
         depth_std_mm=depth.std_mm,
         unseen_share=float(np.mean(~np.isfinite(box))),
         seen_cells=int(inside.sum()),

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from algorithms.robust import spread
-from algorithms.sizing.background import deviation_mm, median_near, noise_mm, seen_medians, smooth_from, spreads_along
+from algorithms.sizing.background import deviation_mm, noise_mm, rows_of, seen_medians, smooth_from, spreads_near
 from algorithms.sizing.disposition import at_least, disposition
 from algorithms.sizing.measure import SizingSettings, measure_defects
 from algorithms.sizing.segment import numbered, segment
@@ -187,16 +187,17 @@ def test_the_compiled_medians_agree_with_numpy(share):
         smooth_from(values, bore, first, min(first + 20, 50), smooth)
     assert smooth == pytest.approx(expected, rel=1e-12, abs=1e-15, nan_ok=True)
 
-    near = [values.T[max(row - 3, 0) : row + 4] for row in range(50)]
-    expected = [spread(part[np.isfinite(part)]) for part in near]
-    assert np.array_equal(spreads_along(values.T.copy(), 3), expected, equal_nan=True)
-
-
-@pytest.mark.parametrize(("guess", "reach"), [(0.0, 0.0), (0.1, 0.5), (-7.0, 1.0), (0.0, 99.0), (7.0, 0.5)])
-@pytest.mark.parametrize("count", [1, 2, 99, 100])
-def test_a_median_is_the_same_whatever_was_guessed(guess, reach, count):
-    values = np.random.default_rng(count).normal(0, 1, count)
-    assert median_near(values, guess, reach) == np.median(values)
+    middle, wide = rows_of(values.T.copy())
+    for row, got in zip(values.T, zip(middle, wide, strict=True), strict=True):
+        known = np.sort(row[np.isfinite(row)])
+        half = known.size // 2
+        ends = [(known[k + half] - known[k], (known[k] + known[k + half]) / 2) for k in range(known.size - half)]
+        width, center = min(ends, default=(np.nan, np.nan))
+        assert got == pytest.approx((center, 1.4826 * width / 2), nan_ok=True)
+    near = [wide[max(row - 3, 0) : row + 4] for row in range(50)]
+    near = [part[np.isfinite(part)] for part in near]
+    expected = [[np.median(part) if part.size else np.nan for part in near], [spread(part) for part in near]]
+    assert np.array_equal(spreads_near(wide, 3), expected, equal_nan=True)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -346,6 +347,19 @@ def test_a_bead_all_around_is_a_ring(height_mm, length_mm):
     assert ring.depth_mm == pytest.approx(height_mm, abs=0.2)
     assert ring.length_mm == pytest.approx(length_mm, abs=0.5)
     assert ring.distance_mm == pytest.approx(150, abs=0.3)
+
+
+@pytest.mark.parametrize(("length_mm", "arc_deg"), [(4, 360), (20, 360), (40, 360), (20, 180), (8, 270)])
+def test_a_groove_around_the_pipe_is_no_noise_however_much_of_it_it_takes(length_mm, arc_deg):
+    groove = lambda theta, z: (np.abs(z - 150) < length_mm / 2) & (np.abs(theta - np.pi) < np.radians(arc_deg / 2))  # noqa: E731
+    strut = lambda theta, z: np.broadcast_to((theta < 0.32) | (theta > 5.96), (360, z.size))  # noqa: E731
+    wall = _map(_pipe(), hide=strut)
+    radius = wall.radius_mm + 1.5 * groove(wall.theta_rad[:, None], wall.z_mm[None])
+    (found,) = _measure(replace(wall, radius_mm=radius))
+    assert (found.length_mm, found.depth_mm) == pytest.approx((length_mm, 1.5), abs=0.1)
+    assert found.width_mm == pytest.approx(np.radians(arc_deg) * 76.2, abs=1)
+    # the strut may hide wall
+    assert (found.width_std_mm > 20) == (arc_deg == 360)
 
 
 def _dark(radius_mm):
