@@ -68,7 +68,11 @@ def performance_of(folders: Sequence[Path]) -> Performance:
     twice = sorted({str(f) for f in folders if sum(f.resolve() == other.resolve() for other in folders) > 1})
     if twice:
         raise BadInput([f"{folder}: given twice; a run counts once" for folder in twice])
-    scans = tuple(read_scan(folder) for folder in folders)
+    return performance_of_scans(tuple(read_scan(folder) for folder in folders))
+
+
+def performance_of_scans(scans: tuple[ScanOf, ...]) -> Performance:
+    """Judge scans that were read or just made."""
     judged = [targets_of(scan, scan.pipe, scan.seen_share) for scan in scans]
     targets = tuple(target for some, _ in judged for target in some)
     false = tuple((scan.folder.name, call) for scan, (_, calls) in zip(scans, judged, strict=True) for call in calls)

@@ -73,16 +73,22 @@ def read_scan(folder: Path) -> ScanOf:
     """
     _, truth = scenario_and_truth(folder)
     found = read_found(folder)
-    wall = found.wall
+    if truth.pipe.scanned is not None:
+        raise BadInput([f"{folder}: its bore is a scan, and nobody listed what that shows; it cannot be judged by it"])
+    return scan_of(folder, truth.pipe, found.wall, found.defects)
+
+
+def scan_of(folder: Path, pipe: Pipe, wall: WallMap, defects: tuple[Defect, ...]) -> ScanOf:
+    """A measurement beside the true pipe.
+
+    Raises:
+        BadInput: when nothing was scanned.
+    """
     columns = wall.z_mm[wall.scanned()]
     if not columns.size:
         raise BadInput([f"{folder}: nothing of the wall was scanned"])
-    pipe = truth.pipe
-    if pipe.scanned is not None:
-        raise BadInput([f"{folder}: its bore is a scan, and nobody listed what that shows; it cannot be judged by it"])
     seen = tuple(_seen_share(wall, feature, pipe.bore_radius_mm) for feature in pipe.features)
-    ends = float(columns[0]), float(columns[-1] + wall.cell_z_mm)
-    return ScanOf(folder, pipe, ends, seen, found.defects)
+    return ScanOf(folder, pipe, (float(columns[0]), float(columns[-1] + wall.cell_z_mm)), seen, defects)
 
 
 def _seen_share(wall: WallMap, feature: Feature, bore_mm: float) -> float:
