@@ -14,11 +14,16 @@ from algorithms.types import NO_LIGHT, THROUGH, Defect, WallMap
 from sensor_model.geometry import wrap_rad
 from sensor_model.recording import NominalPipe
 
-LEAST_MM = 5.0  # both ways: smaller dark places are cells that no ring happened to hit
+LEAST_CELLS = 5  # nearly all are fewer: cells between rings
+LEAST_MM = 2.5  # both ways
+SURE_MM = 5.0  # both ways: a smaller dark place may be cells that no ring happened to hit, unless
+LEAST_MISSED = 20.0  # so many points lack there, by what the same rows received within
+BESIDE_MM = 5.0  # of it; and
+ROUND = 2.0  # it is no longer than so many times its width, for rings that cross leave long ones
 FILLED = 0.6  # of its box, as a round hole fills it: rings that cross leave slanted lines between them
 WIDEST_RAD = np.pi / 2  # a wider one is a lost stretch of the scan, or the strut's sector
 AROUND_MM, AROUND_SEEN = 10.0, 0.8  # so much of the wall before and beyond a dark place must have been seen
-LEAST_POINTS = 2  # in such a cell: with one, a few rings looked at the wall, and gaps are theirs
+LEAST_POINTS = 2  # in such a cell (or, for a small place, in the mean): with one, gaps are those of a few rings
 NEAR_MM = 4.0  # a measured defect so near to it is what makes it dark
 THROUGH_STD_MM = 0.025  # of a depth that is the wall's thickness: the bore's own
 
@@ -59,22 +64,30 @@ def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:
     """Every dark place with wall before, beyond and beside it that was looked at closely."""
     cell_z, cell_arc, around = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm), wall.theta_rad.size
     scanned, near = wall.scanned(), max(round(AROUND_MM / cell_z), 1)
-    fewest = FILLED * LEAST_MM**2 / (cell_z * cell_arc)  # nearly all are fewer: cells between rings
-    for columns, rows in groups(segment(~wall.seen, wall, pipe.inner_radius_mm, 0.0), fewest):
+    for columns, rows in groups(segment(~wall.seen, wall, pipe.inner_radius_mm, 0.0), LEAST_CELLS):
         first, last = int(rows.min()), int(rows.max())
         center = round(float(np.angle(np.exp(2j * np.pi * columns / around).mean())) / (2 * np.pi) * around)
         turned = (columns - center + around // 2) % around - around // 2
         length, cells = (last - first + 1) * cell_z, int(np.ptp(turned)) + 1
-        if length < LEAST_MM or cells * cell_arc < LEAST_MM or cells * 2 * np.pi / around > WIDEST_RAD:
+        shorter, longer = sorted((length, cells * cell_arc))
+        if shorter < LEAST_MM or (shorter < SURE_MM and longer > ROUND * shorter):
             continue
-        if columns.size < FILLED * cells * (last - first + 1):
+        if cells * 2 * np.pi / around > WIDEST_RAD or columns.size < FILLED * cells * (last - first + 1):
             continue
         if first - near < scanned.start or last + near >= scanned.stop:
             continue
         box = np.arange(turned.min(), turned.max() + 1) + center
-        beside = wall.count[np.ix_([(box[0] - 1) % around, (box[-1] + 1) % around], np.arange(first, last + 1))]
-        before, beyond = (wall.count[np.ix_(box % around, np.arange(at, at + near))] for at in (first - near, last + 1))
-        if min(np.mean(part >= LEAST_POINTS) for part in (beside, before, beyond)) >= AROUND_SEEN:
+        ends = [wall.count[np.ix_(box % around, np.arange(at, at + near))] for at in (first - near, last + 1)]
+        span = np.arange(first, last + 1)
+        if shorter >= SURE_MM:
+            beside = wall.count[np.ix_([(box[0] - 1) % around, (box[-1] + 1) % around], span)]
+            looked_at = min(np.mean(part >= LEAST_POINTS) for part in (beside, *ends)) >= AROUND_SEEN
+        else:
+            reach = np.arange(1, max(round(BESIDE_MM / cell_arc), 1) + 1)
+            beside = wall.count[np.ix_(np.concatenate([box[0] - reach, box[-1] + reach]) % around, span)]
+            missed = float(beside.mean(axis=0)[rows - first].sum())
+            looked_at = missed >= LEAST_MISSED and min(part.mean() for part in ends) >= LEAST_POINTS
+        if looked_at:
             middle = 2 * np.pi * (center + (turned.min() + turned.max()) / 2) / around
             theta = float(np.mod(wall.theta_rad[0] + middle, 2 * np.pi))
             yield Dark(float(wall.z_mm[first] - cell_z / 2), length, cells * cell_arc, theta)

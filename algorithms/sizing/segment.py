@@ -20,7 +20,7 @@ def segment(
     return numbered(deep, reach_arc, reach_z)
 
 
-def groups(labels: Int[np.ndarray, "around along"], fewest: float = 1) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def groups(labels: Int[np.ndarray, "around along"], fewest: int = 1) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Columns (around) and rows (along) of the cells of every group that has so many."""
     cells = np.flatnonzero(labels)
     of = labels.ravel()[cells]

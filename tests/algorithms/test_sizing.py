@@ -400,6 +400,15 @@ def test_gaps_of_a_wall_that_few_rings_looked_at_are_no_holes():
     assert _measure(replace(wall, count=np.minimum(wall.count, 1))) == ()
 
 
+def test_a_small_hole_is_told_by_the_points_that_its_rows_lack():
+    wall = _map(_pipe(), hide=_dark(2.2))
+    (hole,) = _measure(wall)
+    assert (hole.feature_class, hole.disposition) == ("no light returned", "undecided")
+    assert (hole.length_mm, hole.width_mm) == pytest.approx((4.4, 4.4), abs=1.0)
+    wall.count[:, 140:160] = np.minimum(wall.count[:, 140:160], 1)  # few rings looked at these rows
+    assert _measure(wall) == ()
+
+
 def test_lines_between_rings_that_cross_are_no_holes():
     slanted = _map(_pipe(), hide=lambda theta, z: np.abs(z - 100 - 76.2 * (theta - 2.0) / 3) < 1.5)
     slanted.radius_mm[:100], slanted.count[:100] = 76.2, 4
