@@ -7,147 +7,31 @@ stay there, and the next call sizes them anew without a scan.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import fields
-from functools import lru_cache
 from itertools import pairwise
 from math import ceil
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from algorithms.calibration.slide import with_jag
-from algorithms.calibration.slide_in_scan import learn_slide_from_scan
-from algorithms.reconstruct import begin, mapped, see, sized, step
 from algorithms.trust.curve import NoCurve, size_at
 from algorithms.trust.detection import a90_95
 from algorithms.trust.exact_bounds import rate_of, run_of_hits_bound, share_lower, share_of
 from algorithms.trust.hit_miss import HitMiss, fit_hit_miss
-from algorithms.types import Defect, Reconstruction, Trajectory, WallMap
+from campaigns.sizing_scans import FIRST_MM, SENSORS, Looked, looked, place_of, scenario_of
 from scenarios.equations import err_pct, error_pct
-from scenarios.load import load_scenario, scenario_yaml
-from scenarios.matching import match
+from scenarios.load import load_scenario
 from scenarios.oracle import oracle_err_pct
-from scenarios.run import sensed
-from scenarios.scenario import Scenario, nominal_pipe
 from scenarios.trust.performance import DIMENSIONS, K95, depths_pct, intervals, performance_of_scans
 from scenarios.trust.performance import sized as sized_targets
 from scenarios.trust.performance_page import words
 from scenarios.trust.runs import ScanOf, Target, scan_of, targets_of
-from sensor_model.recording import Recording, open_recording
-from sensor_model.rig import Rig
-from sensor_model.streams import stream
-from twin.features.base import TrueSize
 from twin.features.pit import Pit
-from twin.pipe import Pipe
-from twin.simulate import simulate
 
-# what draws the slit pixels: the preset, the noise measured in its pictures, and the real sensor's
-SENSORS = {
-    "preset": [],
-    "measured": ["sensing.points=default"],
-    "real": ["rig=endoscope-measured", "sensing.points=endoscope"],
-}
-LEARNED_FRAMES = 60
-FIRST_MM, BEYOND_MM = 240.0, 400.0
 PASS_M = 10
 WALL_MM, ROWS, ROW_MM, CLOCKS_DEG = 7.5, 3, 120.0, (75.0, 180.0, 285.0)
 SDR_11_WALL_MM = 6.625 * 25.4 / 11
-
-
-def scenario_of(seed: int, sensor: str, pipe: dict[str, Any], end_mm: float, changes: list[str]) -> Scenario:
-    """A scan of a pipe up to a place, the sensor off centre and tilted at random; the slide corrected where jagged."""
-    rng = np.random.default_rng([seed, 11])
-    offset, tilt = rng.uniform(-4, 4, 2).round(3).tolist(), rng.uniform(-2, 2, 2).round(3).tolist()
-    settings = [
-        "sensing.fidelity=points",
-        f"pipe.end_mm={end_mm + BEYOND_MM}",
-        "drive.stages=[{to_mm: %g}]" % (end_mm - 60),
-        f"drive.offset_mm={offset}",
-        f"drive.tilt_deg={tilt}",
-        *SENSORS[sensor],
-        *changes,
-    ]
-    scenario = load_scenario("paper-gantry", settings, seed)
-    whole = Pipe.model_validate({**scenario.pipe.model_dump(), "features": [], **pipe})
-    scenario = scenario.model_copy(update={"pipe": whole})
-    if scenario.sensing.points.slide_jag_deg == 0:
-        return scenario
-    return scenario.model_copy(update={"rig": slide_corrected(sensor), "true_rig": scenario.rig})
-
-
-@lru_cache(maxsize=8)
-def slide_corrected(sensor: str) -> Rig:
-    """The sensor's rig with its slide's jaggedness as learned from one scan of bare wall."""
-    settings = ["sensing.fidelity=points", "pipe.features=[]", *SENSORS[sensor]]
-    scenario = load_scenario("paper-gantry", settings, 90_001)
-    with recorded(scenario) as recording:
-        chosen = np.unique(np.linspace(0, len(recording) - 1, LEARNED_FRAMES).round().astype(int)).tolist()
-        found = learn_slide_from_scan([see(recording[i], scenario.rig, scenario.method) for i in chosen], scenario.rig)
-    return with_jag(scenario.rig, found.table_rad) if found.helps else scenario.rig
-
-
-class Looked(NamedTuple):
-    """One scan: what was scanned, and what was made of it."""
-
-    scenario: Scenario
-    found: Reconstruction
-
-    @property
-    def pipe(self) -> Pipe:
-        """The true pipe."""
-        return self.scenario.pipe
-
-    def pairs(self) -> list[tuple[TrueSize, Defect | None]]:
-        """Every true defect's size, with what was measured of it."""
-        pairs = dict(match(self.pipe, self.found.defects))
-        every = enumerate(self.pipe.features)
-        return [
-            (f.size(self.pipe.bore_radius_mm), self.found.defects[pairs[i]] if i in pairs else None) for i, f in every
-        ]
-
-
-@contextmanager
-def recorded(scenario: Scenario) -> Iterator[Recording]:
-    """Drive and sense; the log is gone afterwards."""
-    truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))
-    with tempfile.TemporaryDirectory() as folder:
-        sensed(scenario, truth, Path(folder), 1, {}, lambda *_: None)
-        yield open_recording(Path(folder))
-
-
-def wall_map(scenario: Scenario, maps: Path | None) -> tuple[Trajectory, WallMap]:
-    """The map of a scan, from the kept ones where it is there."""
-    kept = maps / f"{hashlib.sha256(scenario_yaml(scenario).encode()).hexdigest()[:24]}.npz" if maps else None
-    if kept and kept.is_file():
-        with np.load(kept, allow_pickle=False) as held:
-            parts = {name: held[name] for name in held.files}
-        path = {part.name: parts.pop(f"path_{part.name}") for part in fields(Trajectory)}
-        whole = {name: a if name == "count" else a.astype(float) for name, a in parts.items()}
-        return Trajectory(**{**path, "reason": tuple(path["reason"].tolist())}), WallMap(**whole)
-    with recorded(scenario) as recording:
-        state = begin(recording.rig, recording.pipe, scenario.method)
-        for frame in recording:
-            step(state, frame, see(frame, recording.rig, scenario.method))
-    path, wall = mapped(state)
-    if kept:
-        arrays = {name: a if a.ndim == 1 else a.astype(np.float32) for name, a in vars(wall).items()}
-        arrays |= {f"path_{name}": np.array(a) for name, a in vars(path).items()}
-        np.savez(kept, **(arrays | {"count": wall.count.astype(np.int32)}))
-    return path, wall
-
-
-def looked(scenario: Scenario, maps: Path | None) -> Looked:
-    """Scan and size."""
-    path, wall = wall_map(scenario, maps)
-    return Looked(scenario, sized(path, wall, scenario.rig, nominal_pipe(scenario), scenario.method))
-
-
-# ---- the parts
 
 
 def bare(asked: argparse.Namespace, maps: Path | None) -> Iterator[Looked]:
@@ -198,17 +82,9 @@ def mixed(seed: int, asked: argparse.Namespace) -> Looked:
     )
 
 
-def place_of(rng: np.random.Generator, distance_mm: float, clock_deg: float) -> dict[str, float]:
-    """Near a place, anywhere between frames and cells."""
-    return {
-        "distance_mm": round(distance_mm + rng.uniform(-5, 5), 3),
-        "clock_deg": round((clock_deg + rng.uniform(-8, 8)) % 360, 3),
-    }
-
-
 def sheets(asked: argparse.Namespace) -> None:
     """Coverage, depths and leaks as `pipetwin report` states them; then coverage on scans that set no constant."""
-    scans = [in_order(mixed(seed, asked)) for seed in range(asked.first, asked.first + asked.scans)]
+    scans = [judged(mixed(seed, asked)) for seed in range(asked.first, asked.first + asked.scans)]
     found = performance_of_scans(tuple(scans))
     print(words(found, None))
     for name, targets in families(sized_targets(found.targets)).items():
@@ -223,12 +99,11 @@ def sheets(asked: argparse.Namespace) -> None:
         for label, scale in (("as stated", 1.0), (f"with the other half's factor {factor:.3f}", factor)):
             print(f"{name}, odd scans, {label}: held {share_said(int((other <= K95 * scale).sum()), other.size)}")
         for family, targets in families(found.targets).items():
-            print(
-                f"    {family}: held {share_said(int((ratios(targets, name) <= K95).sum()), ratios(targets, name).size)}"
-            )
+            own = ratios(targets, name)
+            print(f"    {family}: held {share_said(int((own <= K95).sum()), own.size)}")
 
 
-def in_order(one: Looked) -> ScanOf:
+def judged(one: Looked) -> ScanOf:
     """As the report's machinery takes a scan, called by its seed."""
     return scan_of(Path(str(one.scenario.seed)), one.pipe, one.found.wall, one.found.defects)
 
@@ -283,7 +158,7 @@ def pod(asked: argparse.Namespace) -> None:
                 )
         pipe = {**SDR_11, "inner_radius_mm": None, "wall_thickness_mm": None, "features": features}
         scenario = scenario_of(seed, asked.sensor, pipe, FIRST_MM + SWEPT_ROW_MM * SWEPT_ROWS, asked.set)
-        scan = in_order(looked(scenario, asked.maps))
+        scan = judged(looked(scenario, asked.maps))
         some, false = targets_of(scan, scan.pipe, scan.seen_share)
         targets, calls, metres = targets + some, calls + len(false), metres + scan.length_m
     print(f"{asked.kind}, {asked.sensor}: {len(targets)} targets, {metres:.2f} m, {calls} false calls")

@@ -137,34 +137,41 @@ def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Flo
     """Standard deviation of the undamaged wall in every cell; NaN where nothing was seen.
 
     How cells differ is known from the rings that saw them: the innermost is the least sharp, and sees alone where a
-    scan ends or the strut passed. How large it all is, is not: that is taken from the map, by how far the cells of a row
-    scatter around the wall (its own, or as in the rows around, whichever is more), and rows among each other. A row
-    that is deep as a whole, or for any part of it, is no noisier for that: a groove runs around the pipe.
+    scan ends or the strut passed. How large it all is, is not: that is taken from the map, by how far the cells of a
+    row scatter around the wall (its own, or as in the rows near it, whichever is more), and rows among each other. A
+    row that is deep as a whole, or for any part of it, is no noisier for that: a groove runs around the pipe.
     """
     half, far = (max(round(window / wall.cell_z_mm / 2), 1) for window in (NOISE_WINDOW_MM, ROWS_WINDOW_MM))
-    middle, wide = rows_of((deviation / wall.sigma_mm).T.copy())
-    within = np.fmax(wide, spreads_near(wide, half)[0])
-    level = np.hypot(within, spreads_near(middle, far)[1])
-    return (level.astype(wall.sigma_mm.dtype) * wall.sigma_mm).astype(np.float64)
+    middle, wide = rows_of(deviation.T.copy(), wall.sigma_mm.T.copy())
+    within, among = np.fmax(wide, spreads_near(wide, half)[0]), spreads_near(middle, far)[1]
+    return np.hypot(within * wall.sigma_mm, among)
 
 
 @njit(cache=True, error_model="numpy")
-def rows_of(relative):
-    """Of each of (along, around) rows the middle of its shortest half, and the standard deviation that tells; or NaN.
+def rows_of(deviation, sigma):
+    """Of each of (along, around) rows its level, and how far its cells scatter about it, in their sigmas; NaN of none.
 
-    Where a row has two levels the shortest half lies in one of them: it knows of no step from one to the other.
+    Both are of the shortest half: where a row has two levels it lies in one of them, and knows of no step between them.
     """
-    along = relative.shape[0]
+    along = deviation.shape[0]
     middle, wide = np.full(along, np.nan), np.full(along, np.nan)
     for row in range(along):
-        values = np.sort(relative[row][np.isfinite(relative[row])])
-        if values.size == 0:
+        seen = np.isfinite(deviation[row])
+        if not seen.any():
             continue
-        half = values.size // 2
-        first = np.argmin(values[half:] - values[: values.size - half])
-        middle[row] = 0.5 * (values[first] + values[first + half])
-        wide[row] = MAD_TO_SIGMA * 0.5 * (values[first + half] - values[first])
+        low, high = shortest_half(deviation[row][seen])
+        middle[row] = 0.5 * (low + high)
+        low, high = shortest_half((deviation[row][seen] - middle[row]) / sigma[row][seen])
+        wide[row] = MAD_TO_SIGMA * 0.5 * (high - low)
     return middle, wide
+
+
+@njit(cache=True, error_model="numpy")
+def shortest_half(values):
+    """The ends of the shortest stretch that holds half of the values."""
+    ordered, half = np.sort(values), values.size // 2
+    first = np.argmin(ordered[half:] - ordered[: values.size - half])
+    return ordered[first], ordered[first + half]
 
 
 @njit(cache=True, error_model="numpy")
