@@ -17,10 +17,10 @@ from sensor_model.recording import NominalPipe
 LEAST_CELLS = 5  # nearly all are fewer: cells between rings
 LEAST_MM = 2.5  # both ways
 SURE_MM = 5.0  # both ways: a smaller dark place may be cells that no ring happened to hit, unless
-LEAST_MISSED = 20.0  # so many points lack there, by what the same rows received within
-BESIDE_MM = 5.0  # of it; and
+LEAST_EVIDENCE = 25.0  # it is so unlikely (minus the logarithm) by how many cells of its rows are dark within
+BESIDE_MM = 10.0  # of it; and
 ROUND = 2.0  # it is no longer than so many times its width, for rings that cross leave long ones
-FILLED = 0.6  # of its box, as a round hole fills it: rings that cross leave slanted lines between them
+FILLED = 0.5  # of its box, as a round hole fills it: rings that cross leave slanted lines between them
 WIDEST_RAD = np.pi / 2  # a wider one is a lost stretch of the scan, or the strut's sector
 AROUND_MM, AROUND_SEEN = 10.0, 0.8  # so much of the wall before and beyond a dark place must have been seen
 LEAST_POINTS = 2  # in such a cell (or, for a small place, in the mean): with one, gaps are those of a few rings
@@ -70,7 +70,7 @@ def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:
         turned = (columns - center + around // 2) % around - around // 2
         length, cells = (last - first + 1) * cell_z, int(np.ptp(turned)) + 1
         shorter, longer = sorted((length, cells * cell_arc))
-        if shorter < LEAST_MM or (shorter < SURE_MM and longer > ROUND * shorter):
+        if shorter < LEAST_MM:
             continue
         if cells * 2 * np.pi / around > WIDEST_RAD or columns.size < FILLED * cells * (last - first + 1):
             continue
@@ -78,16 +78,15 @@ def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:
             continue
         box = np.arange(turned.min(), turned.max() + 1) + center
         ends = [wall.count[np.ix_(box % around, np.arange(at, at + near))] for at in (first - near, last + 1)]
-        span = np.arange(first, last + 1)
-        if shorter >= SURE_MM:
-            beside = wall.count[np.ix_([(box[0] - 1) % around, (box[-1] + 1) % around], span)]
-            looked_at = min(np.mean(part >= LEAST_POINTS) for part in (beside, *ends)) >= AROUND_SEEN
-        else:
-            reach = np.arange(1, max(round(BESIDE_MM / cell_arc), 1) + 1)
-            beside = wall.count[np.ix_(np.concatenate([box[0] - reach, box[-1] + reach]) % around, span)]
-            missed = float(beside.mean(axis=0)[rows - first].sum())
-            looked_at = missed >= LEAST_MISSED and min(part.mean() for part in ends) >= LEAST_POINTS
-        if looked_at:
+        reach = np.arange(1, max(round(BESIDE_MM / cell_arc), 1) + 1)
+        beside = wall.count[
+            np.ix_(np.concatenate([box[0] - reach, box[-1] + reach]) % around, np.arange(first, last + 1))
+        ]
+        dark = (np.sum(beside == 0, axis=0) + 0.5) / (len(beside) + 1)
+        unlikely = -float(np.log(dark)[rows - first].sum()) >= LEAST_EVIDENCE and longer <= ROUND * shorter
+        rim = beside[[0, reach.size]]
+        closely = min(np.mean(part >= LEAST_POINTS) for part in (rim, *ends)) >= AROUND_SEEN
+        if (shorter >= SURE_MM and closely) or (unlikely and min(part.mean() for part in ends) >= LEAST_POINTS):
             middle = 2 * np.pi * (center + (turned.min() + turned.max()) / 2) / around
             theta = float(np.mod(wall.theta_rad[0] + middle, 2 * np.pi))
             yield Dark(float(wall.z_mm[first] - cell_z / 2), length, cells * cell_arc, theta)

@@ -14,8 +14,8 @@ from algorithms.sizing.edges import GAP_MM
 # are the whole of a flat floor and the tip of a cone.
 NEAR_DEEPEST_SHARE, DEEPEST_PERCENTILE = 0.8, 90.0
 PERCENTILE_SIGMAS = 1.2816  # how far that percentile lies above the mean of a flat floor's noise
-ABOVE_PERCENTILE = 0.25  # a bowl's depths are even over its area: a quarter of median to percentile lies beyond it
-CELL_LOSS = 1.6  # a cell's own median takes a part again of what the smoothing over nine cells takes
+ABOVE_PERCENTILE = 0.375  # a bowl's depths are even over its area: a quarter of median to percentile lies beyond it
+CELL_LOSS = 2.4  # a cell's own median takes a part again of what the smoothing over nine cells takes
 LOSS_OPEN = 0.9  # of such a correction, one standard deviation
 SMOOTHED_CELLS = 9  # cells that share their points' noise
 LARGE_CELLS = 20 * SMOOTHED_CELLS  # in a smaller defect a few cells may be its tip

@@ -17,6 +17,7 @@ MOST_WORN = 0.8  # cells
 STRAY_SHARE = 0.15  # of all lines: so many may be stray
 STRAY_SIGMAS, STRAY_STEPS = 2.0, 2.5  # apart by more than so much noise, and so many steps from line to line
 TIP_SHARE = 0.25  # of the step from line to line: where between two lines a tip lies
+END_LINES = 2.0  # by so many lines a slanted groove may run on beyond its last: smoothing wears off its ends
 RIM_SHARE = 0.3  # of the level: a side wall that has risen so far is near its rim
 SHADOW_SHARE = 0.5  # of a shadow's depth: what lies less deep behind a gap lies in no shadow
 SMOOTHED_CELLS = 0.6  # by which the median of three cells widens a side wall
@@ -155,6 +156,9 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     # the smoothing's median of nine takes a cell over its radius from a round tip, whose chord these lines are
     worn = min(8 * NEAR_SIGMAS * CELL_SHARE / lines**2, MOST_WORN)
     steps = TIP_SHARE * float(np.median(np.abs(np.diff(edge)))) if edge.size > 1 else 0.0
+    if edge.size > 2 * LAG + 1 and (near[0] or near[-1]):
+        course = abs(float(np.median(edge[-1 - LAG :]) - np.median(edge[: 1 + LAG]))) / (edge.size - 1 - LAG)
+        steps = float(np.hypot(steps, END_LINES * course)) if course < 1 else steps
     known = noise**2 * min((LAG + 1) / lines, 1.0) + np.median(open_[near] if near.any() else open_) ** 2
     shifted = place - worn if edge.size > 1 else place  # a lone line tells nothing of a tip
     return shifted, float(np.sqrt(known + steps**2 + (0.5 * worn) ** 2))
