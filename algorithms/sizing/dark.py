@@ -17,7 +17,7 @@ from sensor_model.recording import NominalPipe
 LEAST_CELLS = 5  # nearly all are fewer: cells between rings
 LEAST_MM = 2.5  # both ways
 SURE_MM = 5.0  # both ways: a smaller dark place may be cells that no ring happened to hit, unless
-LEAST_EVIDENCE = 25.0  # it is so unlikely (minus the logarithm) by how many cells of its rows are dark within
+LEAST_EVIDENCE = 30.0  # it is so unlikely (minus the logarithm) by how many cells of its rows are dark within
 BESIDE_MM = 10.0  # of it; and
 ROUND = 2.0  # it is no longer than so many times its width, for rings that cross leave long ones
 FILLED = 0.5  # of its box, as a round hole fills it: rings that cross leave slanted lines between them

@@ -12,8 +12,9 @@ from pydantic import Field
 from algorithms.sizing.dark import with_dark
 from algorithms.sizing.depth import floor_of
 from algorithms.sizing.disposition import disposition
-from algorithms.sizing.edges import LOST_MM, edges_of, extent_of
+from algorithms.sizing.edges import LOST_MM
 from algorithms.sizing.inward import as_inward
+from algorithms.sizing.outline import outline_of
 from algorithms.sizing.segment import groups, segment
 from algorithms.sizing.thresholds import ThresholdSettings
 from algorithms.trust.feature_class import CLASSES, feature_class
@@ -128,13 +129,7 @@ def measure_one(
     deviation, inside = window.deviation_mm, window.inside
     cell_z, cell_arc = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm)
     depth = floor_of(deviation, inside, window.noise_mm, cell_z)
-    level = 0.5 * depth.depth_mm
-    floor = inside & (deviation > level)
-    if not floor.any():  # of single spikes smoothing is thought to have taken most: none is as high as half of that
-        level = 0.5 * float(deviation[inside].max())
-        floor = inside & (deviation > level)
-    axial = extent_of(edges_of(deviation, floor, level, cell_z, 1 / float(np.tan(steepest_light_rad))), cell_z)
-    arc = extent_of(edges_of(deviation.T, floor.T, level, cell_arc), cell_arc)
+    axial, arc, floor = outline_of(deviation, inside, depth, (cell_z, cell_arc), steepest_light_rad)
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
     turn = (window.first_column + (arc.start_mm + arc.end_mm) / 2 / cell_arc) * 2 * np.pi / wall.theta_rad.size

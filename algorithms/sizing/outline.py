@@ -1,0 +1,57 @@
+"""How long and how wide a defect is at half of its depth, and what that depth leaves open of either."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from algorithms.sizing.depth import Floor
+from algorithms.sizing.edges import Extent, edges_of, extent_of
+
+OPEN_MM = 0.05  # a depth known better moves no edge
+
+
+class Outline(NamedTuple):
+    """Both extents of a defect, and its cells deeper than the level at which they were taken."""
+
+    axial: Extent
+    arc: Extent
+    floor: Bool[np.ndarray, "around along"]
+
+
+def outline_of(
+    deviation: Float[np.ndarray, "around along"],
+    inside: Bool[np.ndarray, "around along"],
+    depth: Floor,
+    cell_mm: tuple[float, float],
+    steepest_light_rad: float,
+) -> Outline:
+    """The outline at half of a depth; cells are so long and so wide.
+
+    A depth that is open moves the level, and on sides that slope the edges with it: by how much, a second outline says.
+    """
+    most = 0.5 * float(deviation[inside].max())
+    level = 0.5 * depth.depth_mm
+    if level >= 2 * most:  # of single spikes smoothing is thought to have taken most: none is as high as half of that
+        level = most
+    outline = _at(deviation, inside, level, cell_mm, steepest_light_rad)
+    higher = level + 0.5 * depth.std_mm
+    if depth.std_mm < OPEN_MM or higher >= 2 * most:
+        return outline
+    other = _at(deviation, inside, higher, cell_mm, steepest_light_rad)
+    return outline._replace(axial=_opened(outline.axial, other.axial), arc=_opened(outline.arc, other.arc))
+
+
+def _at(
+    deviation: np.ndarray, inside: np.ndarray, level: float, cell_mm: tuple[float, float], steepest_light_rad: float
+) -> Outline:
+    floor, (length, width) = inside & (deviation > level), cell_mm
+    axial = extent_of(edges_of(deviation, floor, level, length, 1 / float(np.tan(steepest_light_rad))), length)
+    return Outline(axial, extent_of(edges_of(deviation.T, floor.T, level, width), width), floor)
+
+
+def _opened(extent: Extent, other: Extent) -> Extent:
+    moved = (extent.end_mm - extent.start_mm) - (other.end_mm - other.start_mm)
+    return extent._replace(std_mm=float(np.hypot(extent.std_mm, moved)))
