@@ -138,7 +138,11 @@ SWEPT: dict[str, dict[str, Any]] = {
     "scratch-3": {"kind": "scratch", "path_length_mm": 40, "width_mm": 3},
     "scratch-1": {"kind": "scratch", "path_length_mm": 40, "width_mm": 1},
 }
-FINE = ["method.map={cell_theta_deg: 0.25, cell_z_mm: 0.5}", "sensing.points.azimuths=1440", "drive.speed_mm_s=25"]
+FINE = [  # for what is narrower than a cell of 1 degree
+    "method.map={cell_theta_deg: 0.25, cell_z_mm: 0.5}",
+    "sensing.points.azimuths=1440",
+    "drive.speed_mm_s=25",
+]
 SDR_11 = {"standard": {"material": "PE", "series": "SDR 11", "nominal_size_in": 6}}
 SWEPT_PCT, SWEPT_ROWS, SWEPT_ROW_MM = (1.0, 16.0), 12, 70.0
 
@@ -147,6 +151,7 @@ def pod(asked: argparse.Namespace) -> None:
     """POD over wall loss of one kind of defect in PE SDR 11, all around the pipe; on seen and on all wall."""
     targets: list[Target] = []
     calls, metres = 0, 0.0
+    changes = [*(FINE if asked.kind == "scratch-1" else []), *asked.set]
     for seed in range(asked.first, asked.first + asked.scans):
         rng, features = np.random.default_rng([seed, 19]), []
         for row in range(SWEPT_ROWS):
@@ -157,7 +162,7 @@ def pod(asked: argparse.Namespace) -> None:
                     {**SWEPT[asked.kind], "depth_mm": depth, **place_of(rng, FIRST_MM + SWEPT_ROW_MM * row, clock)}
                 )
         pipe = {**SDR_11, "inner_radius_mm": None, "wall_thickness_mm": None, "features": features}
-        scenario = scenario_of(seed, asked.sensor, pipe, FIRST_MM + SWEPT_ROW_MM * SWEPT_ROWS, asked.set)
+        scenario = scenario_of(seed, asked.sensor, pipe, FIRST_MM + SWEPT_ROW_MM * SWEPT_ROWS, changes)
         scan = judged(looked(scenario, asked.maps))
         some, false = targets_of(scan, scan.pipe, scan.seen_share)
         targets, calls, metres = targets + some, calls + len(false), metres + scan.length_m
