@@ -12,9 +12,9 @@ import numpy as np
 
 from scenarios.document import BadInput
 from scenarios.field import ros
-from scenarios.field.found_run import MADE, FoundRun, read_found
 from scenarios.field.measured_messages import measured
 from scenarios.field.place import recording_in
+from scenarios.found_run import MADE, FoundRun, read_found
 from sensor_model.recording import SLIT_PIXELS_SUFFIX, Recording, open_recording
 
 Storage = Literal["mcap", "sqlite3"]

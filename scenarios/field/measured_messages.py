@@ -9,8 +9,8 @@ import numpy as np
 
 from algorithms.types import Defect
 from scenarios.field import ros
-from scenarios.field.found_run import FoundRun
 from scenarios.field.wall_points import wall_points
+from scenarios.found_run import FoundRun
 from sensor_model.geometry import wall_direction, wxyz_from_rotation
 
 PIPE, CAMERA = "pipe", "cam0"

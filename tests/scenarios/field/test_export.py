@@ -9,7 +9,7 @@ import pytest
 
 from scenarios.document import BadInput
 from scenarios.field.export import export
-from scenarios.field.found_run import read_found
+from scenarios.found_run import read_found
 from sensor_model.geometry import rotation_from_wxyz, wall_direction
 from sensor_model.recording import open_recording
 
