@@ -15,7 +15,7 @@ from sensor_model.attitude_filter import Fusion, fused_attitude, measured_north
 from sensor_model.geometry import GRAVITY_M_S2, wxyz_from_rotation
 from sensor_model.rig import ImuMount
 from sensor_model.settings import Settings
-from twin.truth import Truth, gravity_direction
+from twin.truth import Truth, gravity_along, gravity_direction
 
 NonNegative = Annotated[float, Field(ge=0)]
 
@@ -78,7 +78,7 @@ class ImuLog:
 
 
 def world_from_pipe(truth: Truth) -> Float[np.ndarray, "3 3"]:
-    """`R_world_pipe`: the device's world has z up; its heading is the pipe's, an arbitrary choice."""
+    """`R_world_pipe` at the pipe's start: the device's world has z up; its heading is the pipe's, by choice."""
     up = -gravity_direction(truth.pipe)
     right = np.array([1.0, 0.0, 0.0])
     return np.stack([right, np.cross(up, right), up])
@@ -89,7 +89,8 @@ def measure_imu(
 ) -> ImuLog:
     """The IMU's log over the whole drive."""
     time_s = truth.sample_times_s(noise.update_rate)
-    R_pipe_camera = truth.pose_at(time_s)[:, :3, :3]
+    T_pipe_camera = truth.pose_at(time_s)
+    R_pipe_camera = T_pipe_camera[:, :3, :3]
     R_pipe_imu = R_pipe_camera @ mount.R_camera_imu
     rate = CubicSpline(truth.time_s, truth.angular_velocity_camera_rad_s)
     omega, omega_dot = rate(time_s), rate(time_s, 1)
@@ -97,7 +98,7 @@ def measure_imu(
     lever_acceleration = np.cross(omega_dot, lever_m) + np.cross(omega, np.cross(omega, lever_m))
     acceleration = CubicSpline(truth.time_s, truth.acceleration_mm_s2)(time_s) / 1e3
     acceleration += np.einsum("nij,nj->ni", R_pipe_camera, lever_acceleration)
-    specific_force = acceleration - GRAVITY_M_S2 * gravity_direction(truth.pipe)
+    specific_force = acceleration - GRAVITY_M_S2 * gravity_along(truth.pipe, T_pipe_camera[:, 2, 3])
 
     gyro = omega @ mount.R_camera_imu
     force = np.einsum("nji,nj->ni", R_pipe_imu, specific_force)
@@ -115,7 +116,8 @@ def measure_imu(
     force = force @ _axes(rng, noise.accelerometer_scale_error_pct, noise.accelerometer_misalignment_deg) + force_errors
     gyro = _read(gyro, np.radians(noise.gyroscope_range_deg_s), np.radians(noise.gyroscope_step_deg_s))
     force = _read(force, GRAVITY_M_S2 * noise.accelerometer_range_g, 1e-3 * GRAVITY_M_S2 * noise.accelerometer_step_mg)
-    R_world_imu = world_from_pipe(truth) @ R_pipe_imu
+    heading = truth.pipe.axis.frame(T_pipe_camera[:, 2, 3])[:, :3, :3] if truth.pipe.bends else np.eye(3)
+    R_world_imu = world_from_pipe(truth) @ heading @ R_pipe_imu
     if noise.fusion is None:
         attitude = _with_errors(R_world_imu, time_s, noise, rng_attitude)
     else:
