@@ -51,7 +51,7 @@ class Axis(NamedTuple):
         """`T_world_pipe` at places along the axis: there, with z as its tangent and 12 o'clock up."""
         z = np.asarray(z_mm, dtype=float)
         piece = np.clip(np.searchsorted(self.from_mm, z, side="right") - 1, 0, None)
-        return self.T_world_start[piece] @ _arc(z - self.from_mm[piece], self.curvature_per_mm[piece])
+        return self.T_world_start[piece] @ _arc(np.asarray(z - self.from_mm[piece]), self.curvature_per_mm[piece])
 
 
 def straight_axis(start_mm: float) -> Axis:
