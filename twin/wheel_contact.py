@@ -282,7 +282,8 @@ class WallContacts:
         z_mm = self._along_mm(anchor[robot.wheel_joint[0]])
         if not abs(z_mm - self._near_z_mm) < NEAR_MM:
             hubs_mm = [self._along_mm(hub) for hub in anchor[robot.wheel_joint]]
-            self._near, self._near_z_mm = _nearby(self.wall, np.array(hubs_mm), self._way.rows), z_mm
+            self._near = _nearby(self.wall, np.array(hubs_mm))._replace(axis=self._way.rows)
+            self._near_z_mm = z_mm
         joints, shapes = (robot.wheel_joint, robot.wheel_angle), robot.wheel_shape
         found = self.found = Found(*_found(self._near, anchor, data.xaxis, data.qpos, *joints, shapes, self.touching))
         for wheel in found.wheel.tolist():
@@ -337,11 +338,11 @@ def _remember(soft, wheel, address, efc_R, efc_force):
             soft[wheel[k]] += SOFT_SHARE * (efc_R[address[k] + 1] * efc_force[address[k]] - soft[wheel[k]])
 
 
-def _nearby(wall: Wall, hub_z_mm: np.ndarray, bends: np.ndarray) -> Wall:
-    """The wall with only what these wheels can meet before `NEAR_MM` of further travel."""
+def _nearby(wall: Wall, hub_z_mm: np.ndarray) -> Wall:
+    """The wall with only the features that these wheels can meet before `NEAR_MM` of further travel."""
     reach = NEAR_MM + 50.0
     rows = wall.rows
     near = (rows[:, CENTER_Z] + rows[:, HALF_BOX_Z] > hub_z_mm.min() - reach) & (
         rows[:, CENTER_Z] - rows[:, HALF_BOX_Z] < hub_z_mm.max() + reach
     )
-    return wall._replace(rows=rows[near], codes=wall.codes[near], axis=bends)
+    return wall._replace(rows=rows[near], codes=wall.codes[near])

@@ -33,7 +33,7 @@ def _table(run: Run, rows: list[Episode], slipped: np.ndarray) -> str:
     body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in cells)
     rest = f"<p>{len(rows) - MOST_ROWS} more are in episodes.csv.</p>" if len(rows) > MOST_ROWS else ""
     return (
-        '<div class="scroll" tabindex="0"><table class="alarms"><caption>As stated while the robot drove. A slip is what '
+        '<div class="scroll" tabindex="0"><table class="alarms"><caption>As stated live. A slip is what '
         "the rim went more than the robot, its true size counted from a second before the alarm; a joint, by how much "
         "the distance was put right there; a gap, a silence.</caption>"
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>{rest}"
