@@ -15,6 +15,8 @@ from sensor_model.geometry import inverse, transform
 from sensor_model.glass import Glass, check_inside, tube_of
 from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics, light
 from sensor_model.rig import Camera, Rig
+from sensor_model.wall_rays import near_wall, wall_ranges_mm
+from twin.bends import bent, bent_normals, unbent
 from twin.mesh import Surface, bore_surface, feature_box, feature_surface
 from twin.pipe import Pipe
 
@@ -26,6 +28,8 @@ SHADOW_BIAS_MM = 0.25
 SHADED_BEYOND_MM = 0.02  # the bore, being convex, shades nothing
 NEAREST_MM = 1.0
 HOLE_MM = 0.05
+SHARPEST_OD = 10.0  # a sharper bend's bore shades itself, which is not drawn
+BENT_MARGIN_MM = 25.0
 BENDS_PER_MM, GLASS_REACH = 0.03, 3.0  # of glass: how far light is moved in tangent, at most, and in mm along the pipe
 
 
@@ -42,10 +46,16 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
         optics: The settings that act on the wall; those of lens and chip are left to `expose`.
 
     Raises:
-        ValueError: when the camera or the projector's apex lies outside the bore.
+        ValueError: when the camera or the projector's apex lies outside the bore, or a bend is too sharp to draw.
         RuntimeError: when no GL can be had.
     """
     check_inside(pipe, T_pipe_camera, rig, optics.glass)
+    sharpest = min((bend.radius_od for bend in pipe.bends), default=np.inf)
+    if sharpest < SHARPEST_OD:
+        raise ValueError(
+            f"a bend of {sharpest:g} outer diameters shades itself, which is not drawn below {SHARPEST_OD:g}; "
+            "sensing.fidelity: raycast and points can"
+        )
     return _studio().draw(pipe, T_pipe_camera, rig, optics)
 
 
@@ -72,6 +82,8 @@ def _prepare_gl() -> Any:
 def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, glass: Glass) -> tuple[float, float]:
     """Distances along the pipe between which the projector's light can meet the wall or what shades it."""
     T_pipe_projector = T_pipe_camera @ rig.projector.T_camera_projector
+    if pipe.bends:
+        return _bent_reach_mm(pipe, T_pipe_camera, T_pipe_projector, rig)
     apex, axis = T_pipe_projector[:3, 3], T_pipe_projector[:3, 2]
     tilt = np.arccos(np.clip(axis[2], -1, 1))
     inner, outer = np.radians([rig.projector.inner_half_angle_deg, rig.projector.outer_half_angle_deg])
@@ -83,8 +95,27 @@ def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, glass: Glass) 
     return float(apex[2] + nearest - 5.0), float(apex[2] + farthest + 5.0)
 
 
+def _bent_reach_mm(
+    pipe: Pipe, T_pipe_camera: np.ndarray, T_pipe_projector: np.ndarray, rig: Rig
+) -> tuple[float, float]:
+    """`reachable_mm` by following the light's outermost rays."""
+    half = np.radians([rig.projector.inner_half_angle_deg, rig.projector.outer_half_angle_deg])
+    alpha, turn = (a.ravel() for a in np.meshgrid(half, np.arange(72) * np.pi / 36))
+    rays = np.stack([np.sin(alpha) * np.sin(turn), -np.sin(alpha) * np.cos(turn), np.cos(alpha)], axis=-1)
+    rays = rays @ T_pipe_projector[:3, :3].T
+    wall, apex = near_wall(pipe, float(T_pipe_camera[2, 3])), T_pipe_projector[:3, 3]
+    ends = apex + wall_ranges_mm(wall, tuple(apex.tolist()), rays)[:, None] * rays
+    z = [unbent(wall.axis, *end)[2] for end in ends.tolist()]
+    return min(z) - BENT_MARGIN_MM, max(z) + BENT_MARGIN_MM
+
+
 def shadow_crop(
-    pipe: Pipe, features: list[int], T_projector_pipe: np.ndarray, outer_tangent: float, margin: float = 0.0
+    pipe: Pipe,
+    features: list[int],
+    about_mm: float,
+    T_projector_pipe: np.ndarray,
+    outer_tangent: float,
+    margin: float = 0.0,
 ) -> tuple[float, float, float, float, float] | None:
     """Square of the projector's tangent plane that holds features: centre x, y, half side; then their depth range.
 
@@ -102,7 +133,10 @@ def shadow_crop(
             corners.append(np.stack([rho * np.sin(t), -rho * np.cos(t), at, np.ones_like(at)], axis=-1))
     if not corners:
         return None
-    place = np.concatenate(corners) @ T_projector_pipe.T
+    places = np.concatenate(corners)
+    if pipe.bends:
+        places[:, :3] = bent(pipe.axis, about_mm, places[:, :3])
+    place = places @ T_projector_pipe.T
     place = place[place[:, 2] > NEAREST_MM]
     tangents = place[:, :2] / place[:, 2:3]
     seen = np.linalg.norm(tangents, axis=1) <= 1.1 * outer_tangent
@@ -313,7 +347,8 @@ def _studio_class() -> Any:
             self._platform.make_current()
             self.projector.light.show(slide)
             bends = BENDS_PER_MM * optics.glass.thickness_mm
-            crop = shadow_crop(pipe, features, inverse(T_world_projector) @ T_world_pipe, beam.lit_to[-1], bends)
+            T_projector_pipe = inverse(T_world_projector) @ T_world_pipe
+            crop = shadow_crop(pipe, features, T_pipe_camera[2, 3], T_projector_pipe, beam.lit_to[-1], bends)
             self.scene.set_pose(self.camera, T_world_camera)
             self.scene.set_pose(self.projector, T_world_projector)
             self.projector.light.crop = crop or RingProjector.crop
@@ -344,10 +379,11 @@ def _studio_class() -> Any:
             self._clear(wanted)
             for key in wanted - self.drawn.keys():
                 self.drawn[key] = self._hang(_build(pipe, key))
+            T_camera_world = inverse(pipe.axis.frame(camera_z))
             for node, z_mm in self.drawn.values():
                 pose = np.eye(4)
                 pose[2, 3] = z_mm - camera_z
-                self.scene.set_pose(node, pose)
+                self.scene.set_pose(node, T_camera_world @ pipe.axis.frame(z_mm) if pipe.bends else pose)
             return [index for kind, index in wanted if kind == "feature"]
 
         def _clear(self, wanted: set[tuple[str, int]]) -> None:
@@ -357,9 +393,13 @@ def _studio_class() -> Any:
         def _hang(self, piece: Surface) -> tuple[Any, float]:
             """A node with its vertices about its own distance: single precision then does for any pipe."""
             z_mm = float(piece.positions[:, 2].mean()) if piece.positions.size else 0.0
+            positions, normals = piece.positions, piece.normals
+            if self.pipe is not None and self.pipe.bends:
+                normals = bent_normals(self.pipe.axis, z_mm, positions, normals)
+                positions = bent(self.pipe.axis, z_mm, positions)
             primitive = pyrender.Primitive(
-                positions=piece.positions - [0, 0, z_mm],
-                normals=piece.normals,
+                positions=positions - [0, 0, z_mm],
+                normals=normals,
                 indices=piece.faces,
                 material=self.material,
             )
@@ -386,7 +426,7 @@ def _build(pipe: Pipe, key: tuple[str, int]) -> Surface:
 
 
 def _extent(pipe: Pipe, T_pipe_camera: np.ndarray) -> np.ndarray:
-    shaded = pipe.wall.smallest_radius + SHADED_BEYOND_MM
+    shaded = 0.0 if pipe.bends else pipe.wall.smallest_radius + SHADED_BEYOND_MM
     beyond = 1e6 if pipe.backed else pipe.outer_radius_mm - HOLE_MM
     return np.array([shaded, beyond, pipe.start_mm - T_pipe_camera[2, 3], pipe.end_mm - T_pipe_camera[2, 3]])
 

@@ -15,7 +15,7 @@ from sensor_model.attitude_filter import Fusion, fused_attitude, measured_north
 from sensor_model.geometry import GRAVITY_M_S2, wxyz_from_rotation
 from sensor_model.rig import ImuMount
 from sensor_model.settings import Settings
-from twin.truth import Truth, gravity_direction
+from twin.truth import Truth, gravity_along, gravity_direction
 
 NonNegative = Annotated[float, Field(ge=0)]
 
@@ -25,6 +25,8 @@ class ImuNoise(Settings):
 
     Biases, scale errors and `*_misalignment_deg` (how far each axis leans towards each other one) are standard
     deviations of what one device has. A reading stops at its range and comes in whole steps; 0 is no limit, no step.
+    A reading is the mean over `averaged_share` of the time since the last, as a device's low-pass makes it; with 0 it
+    is that of one instant, and wheels that chatter as fast as it is read pass for a steady force.
 
     The device's own quaternion is the truth with `attitude_*` errors, white noise and a slow drift with a correlation
     time; with `fusion` it is instead what a filter makes of these very readings. `quaternion_rounding` is the step to
@@ -33,6 +35,7 @@ class ImuNoise(Settings):
     """
 
     update_rate: Annotated[float, Field(gt=1, le=1000)] = 100.0
+    averaged_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     gyroscope_noise_density: NonNegative = 2.4e-4
     gyroscope_random_walk: NonNegative = 5.0e-5
     gyroscope_bias_deg_s: NonNegative = 0.1
@@ -78,7 +81,7 @@ class ImuLog:
 
 
 def world_from_pipe(truth: Truth) -> Float[np.ndarray, "3 3"]:
-    """`R_world_pipe`: the device's world has z up; its heading is the pipe's, an arbitrary choice."""
+    """`R_world_pipe` at the pipe's start: the device's world has z up; its heading is the pipe's, by choice."""
     up = -gravity_direction(truth.pipe)
     right = np.array([1.0, 0.0, 0.0])
     return np.stack([right, np.cross(up, right), up])
@@ -89,18 +92,11 @@ def measure_imu(
 ) -> ImuLog:
     """The IMU's log over the whole drive."""
     time_s = truth.sample_times_s(noise.update_rate)
-    R_pipe_camera = truth.pose_at(time_s)[:, :3, :3]
-    R_pipe_imu = R_pipe_camera @ mount.R_camera_imu
-    rate = CubicSpline(truth.time_s, truth.angular_velocity_camera_rad_s)
-    omega, omega_dot = rate(time_s), rate(time_s, 1)
-    lever_m = np.array(mount.position_camera_mm) / 1e3
-    lever_acceleration = np.cross(omega_dot, lever_m) + np.cross(omega, np.cross(omega, lever_m))
-    acceleration = CubicSpline(truth.time_s, truth.acceleration_mm_s2)(time_s) / 1e3
-    acceleration += np.einsum("nij,nj->ni", R_pipe_camera, lever_acceleration)
-    specific_force = acceleration - GRAVITY_M_S2 * gravity_direction(truth.pipe)
-
-    gyro = omega @ mount.R_camera_imu
-    force = np.einsum("nji,nj->ni", R_pipe_imu, specific_force)
+    T_pipe_camera = truth.pose_at(time_s)
+    if noise.averaged_share > 0:
+        gyro, force = _averaged(truth, mount, time_s, noise.averaged_share / noise.update_rate)
+    else:
+        gyro, force = _felt(truth, mount, time_s, T_pipe_camera)
     gyro_errors = _errors(
         rng,
         time_s,
@@ -115,7 +111,8 @@ def measure_imu(
     force = force @ _axes(rng, noise.accelerometer_scale_error_pct, noise.accelerometer_misalignment_deg) + force_errors
     gyro = _read(gyro, np.radians(noise.gyroscope_range_deg_s), np.radians(noise.gyroscope_step_deg_s))
     force = _read(force, GRAVITY_M_S2 * noise.accelerometer_range_g, 1e-3 * GRAVITY_M_S2 * noise.accelerometer_step_mg)
-    R_world_imu = world_from_pipe(truth) @ R_pipe_imu
+    heading = truth.pipe.axis.frame(T_pipe_camera[:, 2, 3])[:, :3, :3] if truth.pipe.bends else np.eye(3)
+    R_world_imu = world_from_pipe(truth) @ heading @ (T_pipe_camera[:, :3, :3] @ mount.R_camera_imu)
     if noise.fusion is None:
         attitude = _with_errors(R_world_imu, time_s, noise, rng_attitude)
     else:
@@ -124,6 +121,36 @@ def measure_imu(
     if noise.quaternion_rounding > 0:
         q = np.round(q / noise.quaternion_rounding) * noise.quaternion_rounding
     return ImuLog(np.round(time_s * 1e9).astype(np.int64), gyro, force, q)
+
+
+def _felt(
+    truth: Truth, mount: ImuMount, time_s: np.ndarray, T_pipe_camera: np.ndarray
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Rate and specific force in the device's axes, instant by instant, without errors."""
+    R_pipe_camera = T_pipe_camera[:, :3, :3]
+    rate = CubicSpline(truth.time_s, truth.angular_velocity_camera_rad_s)
+    omega, omega_dot = rate(time_s), rate(time_s, 1)
+    lever_m = np.array(mount.position_camera_mm) / 1e3
+    lever_acceleration = np.cross(omega_dot, lever_m) + np.cross(omega, np.cross(omega, lever_m))
+    acceleration = CubicSpline(truth.time_s, truth.acceleration_mm_s2)(time_s) / 1e3
+    acceleration += np.einsum("nij,nj->ni", R_pipe_camera, lever_acceleration)
+    specific_force = acceleration - GRAVITY_M_S2 * gravity_along(truth.pipe, T_pipe_camera[:, 2, 3])
+    force = np.einsum("nji,nj->ni", R_pipe_camera @ mount.R_camera_imu, specific_force)
+    return omega @ mount.R_camera_imu, force
+
+
+def _averaged(
+    truth: Truth, mount: ImuMount, time_s: np.ndarray, window_s: float
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """`_felt` as means over a window that ends with each reading; the first is of its instant."""
+    every = np.hstack(_felt(truth, mount, truth.time_s, truth.pose_at(truth.time_s)))
+    steps = np.diff(truth.time_s)[:, None] * 0.5 * (every[1:] + every[:-1])
+    total = np.vstack([np.zeros((1, 6)), np.cumsum(steps, axis=0)])
+    begin = np.maximum(time_s - window_s, truth.time_s[0])
+    ends = [np.stack([np.interp(t, truth.time_s, column) for column in total.T], axis=1) for t in (begin, time_s)]
+    length = (time_s - begin)[:, None]
+    mean = np.where(length > 0, (ends[1] - ends[0]) / np.where(length > 0, length, 1.0), every[:1])
+    return mean[:, :3], mean[:, 3:]
 
 
 def _errors(rng, time_s, density, walk, bias) -> np.ndarray:

@@ -13,6 +13,7 @@ from sensor_model.rig import Rig
 from sensor_model.spot import View, aim, ghost_to, in_housing, light_spot, path_to, rows_of, sight_along, turned
 from sensor_model.wall_rays import (
     inward_normal,
+    is_bent,
     is_hole,
     near_wall,
     point_at,
@@ -37,7 +38,7 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     """
     check_inside(pipe, T_pipe_camera, rig, optics.glass)
     view = _view(pipe, T_pipe_camera, rig, tube_of(optics.glass))
-    wall = near_wall(pipe, float(view.apex[2]))
+    wall = near_wall(pipe, float(T_pipe_camera[2, 3]))
     rays = camera_rays(rig.camera)
     picture = np.zeros(rays.shape, dtype=np.float32)
     _draw(wall, view, light(rig.projector, optics), rays, picture)
@@ -105,7 +106,7 @@ def _hit(wall, view, beam, sight):
     t_first = _half_angle_tangent(view, point_at(eye, direction, first))
     t_last = _half_angle_tangent(view, point_at(eye, direction, last))
     unlit = max(t_first, t_last) < beam.lit_from[0] * 0.98 or min(t_first, t_last) > beam.lit_to[-1] * 1.02
-    if unlit and not view.tube.is_there:  # glass bends light, and its ghosts fall anywhere
+    if unlit and not (view.tube.is_there or is_bent(wall)):  # glass bends light, and its ghosts fall anywhere
         return -1.0
     range_mm = wall_range_mm(wall, eye, direction, first, last)
     point = point_at(eye, direction, range_mm)

@@ -2,7 +2,7 @@
 
 For whoever follows rays: pictures, one pixel at a time; slit pixels and scoring, a frame at a time. Points and
 directions are triples in the pipe frame, directions of length 1; every ray begins nearer to the axis than the wall's
-smallest radius.
+smallest radius. In a bend that frame is the pipe's at the sensor, and the wall bends away from its z axis.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from sensor_model.geometry import fast_arctan2
+from twin.bends import CURVATURE, bent_direction, crowding, rows_about, unbent
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
 from twin.pipe import Pipe, Wall, wall_radius_mm
 
@@ -23,13 +24,16 @@ SHADOW_LIFT_MM = 0.01
 SHADOW_BEYOND_MM = 1e-4  # what lies less beyond the smallest radius is in nothing's shadow
 SLOPE_STEP_MM = 0.005
 HOLE_MM = 1e-5  # a wall this near to its outer radius is gone
+REACH_RADII = 12.0  # what is further away along the pipe is neither lit nor seen
+BENT_REACH_RADII = 60.0  # where a ray in a bend has met the wall at last
+NEAR_BORE_MM = 0.1
 
 
 def near_wall(pipe: Pipe, z_mm: float) -> Wall:
-    """The wall with only those features that the sensor can light or see from one place."""
-    wall = pipe.wall
-    near = np.abs(wall.rows[:, CENTER_Z] - z_mm) <= wall.rows[:, HALF_BOX_Z] + 12 * pipe.bore_radius_mm
-    return wall._replace(codes=wall.codes[near], rows=wall.rows[near])
+    """The wall with only those features that the camera can light or see from one place, its bends as seen there."""
+    wall, reach = pipe.wall, REACH_RADII * pipe.bore_radius_mm
+    near = np.abs(wall.rows[:, CENTER_Z] - z_mm) <= wall.rows[:, HALF_BOX_Z] + reach
+    return wall._replace(codes=wall.codes[near], rows=wall.rows[near], axis=rows_about(pipe.axis, z_mm, reach))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -69,7 +73,7 @@ def _plain_ranges_mm(wall, origin, rays):
         if first >= 0:
             ranges[i] = _plain_range_mm(wall, origin, direction, first)
             uneven[i] = _near_feature(wall, origin, direction, first, last)
-    if wall.ovality != 0.0:
+    if wall.ovality != 0.0 or is_bent(wall):
         uneven[:] = ranges >= 0
     return ranges, uneven
 
@@ -78,6 +82,9 @@ def _plain_ranges_mm(wall, origin, rays):
 def in_shadow(wall, points, place):
     """Whether the wall stands between each of its (n, 3) points and a place."""
     shaded = points[:, 0] ** 2 + points[:, 1] ** 2 > (wall.smallest_radius + SHADOW_BEYOND_MM) ** 2
+    if is_bent(wall):
+        for row in range(shaded.size):
+            shaded[row] = _can_be_shaded(wall, _row(points, row), place)
     which = np.flatnonzero(shaded)
     origins, towards, reach = np.empty((which.size, 3)), np.empty((which.size, 3)), np.empty(which.size)
     for k, i in enumerate(which):
@@ -121,8 +128,16 @@ def _march_together(wall, origins, directions, first, last, shortest):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def is_bent(wall):
+    """Whether the wall is about an axis that is no straight line."""
+    return wall.axis.shape[0] > 0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def stretch_mm(wall, origin, direction):
     """Ranges between which a ray can meet the wall: smallest radius to outer; -1 and -1 for one along the axis."""
+    if is_bent(wall):
+        return _bent_stretch_mm(wall, origin, direction)
     radial2 = direction[0] ** 2 + direction[1] ** 2
     if radial2 < ALONG_AXIS:
         return -1.0, -1.0
@@ -130,6 +145,20 @@ def stretch_mm(wall, origin, direction):
         _leave_cylinder(origin, direction, radial2, wall.smallest_radius),
         _leave_cylinder(origin, direction, radial2, wall.outer_radius),
     )
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _bent_stretch_mm(wall, origin, direction):
+    """As `stretch_mm` in a bend: no place is nearer to the smallest radius than that lies further from the axis."""
+    s, farthest = 0.0, BENT_REACH_RADII * wall.inner_radius
+    while s < farthest:
+        x, y, z = point_at(origin, direction, s)
+        x, y, z = unbent(wall.axis, x, y, z)
+        gap = wall.smallest_radius - np.sqrt(x * x + y * y)
+        if gap < NEAR_BORE_MM:
+            return s, s + farthest
+        s += gap
+    return -1.0, -1.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -143,13 +172,13 @@ def wall_range_mm(wall, origin, direction, first, last):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _is_uneven(wall, origin, direction, first, last):
     """Whether a ray may meet anything but the round bore, so that its range has no closed form."""
-    return wall.ovality != 0.0 or _near_feature(wall, origin, direction, first, last)
+    return wall.ovality != 0.0 or is_bent(wall) or _near_feature(wall, origin, direction, first, last)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _plain_range_mm(wall, origin, direction, first):
     """Range to the round bore; `first` is that to the wall's smallest radius."""
-    if wall.smallest_radius == wall.inner_radius:
+    if wall.smallest_radius == wall.inner_radius or is_bent(wall):
         return first
     radial2 = direction[0] ** 2 + direction[1] ** 2
     return _leave_cylinder(origin, direction, radial2, wall.inner_radius)
@@ -196,7 +225,8 @@ def wrapped(angle):
 def _clearance(wall, origin, direction, s):
     """How far a point of a ray is inside the wall, mm; negative beyond it."""
     x, y = origin[0] + s * direction[0], origin[1] + s * direction[1]
-    return wall_radius_mm(wall, fast_arctan2(x, -y), origin[2] + s * direction[2]) - np.sqrt(x * x + y * y)
+    x, y, z = unbent(wall.axis, x, y, origin[2] + s * direction[2])
+    return wall_radius_mm(wall, fast_arctan2(x, -y), z) - np.sqrt(x * x + y * y)
 
 
 @njit(cache=True, error_model="numpy")
@@ -251,31 +281,47 @@ def _closed_in(wall, origin, direction, inside, gap, outside, beyond):
 @njit(cache=True, error_model="numpy")
 def inward_normal(wall, point):
     """Unit normal of rho = r(theta, z), towards the axis."""
-    rho = np.sqrt(point[0] ** 2 + point[1] ** 2)
+    x, y, z = unbent(wall.axis, point[0], point[1], point[2])
+    normal = _inward_normal(wall, x, y, z, crowding(wall.axis, point[0], point[1], point[2]))
+    return bent_direction(wall.axis, point, normal)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _inward_normal(wall, x, y, z, crowded):
+    """`inward_normal` in the pipe's own axes at a place of it, where so much way of the world is 1 mm of the axis."""
+    rho = np.sqrt(x**2 + y**2)
     if wall.ovality == 0.0 and rho < wall.smallest_radius + HIT_TOLERANCE_MM:
-        return (-point[0] / rho, -point[1] / rho, 0.0)
-    theta = fast_arctan2(point[0], -point[1])
+        return (-x / rho, -y / rho, 0.0)
+    theta = fast_arctan2(x, -y)
     turn = SLOPE_STEP_MM / rho
-    slope_z = wall_radius_mm(wall, theta, point[2] + SLOPE_STEP_MM) - wall_radius_mm(
-        wall, theta, point[2] - SLOPE_STEP_MM
-    )
-    slope_arc = wall_radius_mm(wall, theta + turn, point[2]) - wall_radius_mm(wall, theta - turn, point[2])
-    slope_z, slope_arc = slope_z / (2 * SLOPE_STEP_MM), slope_arc / (2 * SLOPE_STEP_MM)
+    slope_z = wall_radius_mm(wall, theta, z + SLOPE_STEP_MM) - wall_radius_mm(wall, theta, z - SLOPE_STEP_MM)
+    slope_arc = wall_radius_mm(wall, theta + turn, z) - wall_radius_mm(wall, theta - turn, z)
+    slope_z, slope_arc = slope_z / (2 * SLOPE_STEP_MM * crowded), slope_arc / (2 * SLOPE_STEP_MM)
     length = np.sqrt(1 + slope_z**2 + slope_arc**2)
-    sine, cosine = point[0] / rho, point[1] / rho
+    sine, cosine = x / rho, y / rho
     return ((-sine - slope_arc * cosine) / length, (-cosine + slope_arc * sine) / length, slope_z / length)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def point_in_shadow(wall, point, place):
     """Whether the wall stands between one of its points and a place."""
-    return _is_beyond_bore(wall, point) and _blocked(wall, point, place)
+    return _can_be_shaded(wall, point, place) and _blocked(wall, point, place)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _is_beyond_bore(wall, point):
-    """Whether a point of the wall can lie in a shadow; those of a round bore, being convex, cannot."""
-    return np.sqrt(point[0] ** 2 + point[1] ** 2) > wall.smallest_radius + SHADOW_BEYOND_MM
+def _can_be_shaded(wall, point, place):
+    """Whether a point of the wall can lie in a shadow; those of a round bore, being convex, cannot.
+
+    In a bend a sight line of length d strays by up to half its curvature times d^2 from what it were in a straight
+    pipe, and the bore can shade where that is more than the place's own clearance.
+    """
+    x, y, _ = unbent(wall.axis, point[0], point[1], point[2])
+    if is_bent(wall):
+        u, v, _ = unbent(wall.axis, place[0], place[1], place[2])
+        d2 = (point[0] - place[0]) ** 2 + (point[1] - place[1]) ** 2 + (point[2] - place[2]) ** 2
+        if 0.5 * wall.axis[:, CURVATURE].max() * d2 >= wall.smallest_radius - np.sqrt(u * u + v * v):
+            return True
+    return np.sqrt(x**2 + y**2) > wall.smallest_radius + SHADOW_BEYOND_MM
 
 
 @njit(cache=True, error_model="numpy")
@@ -293,6 +339,8 @@ def _sight_line(wall, point, place):
     x, y, z = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
     length = np.sqrt(x * x + y * y + z * z)
     towards = (x / length, y / length, z / length)
+    if is_bent(wall):
+        return origin, towards, length
     # nearer to the axis than the wall's smallest radius nothing can shade any more
     a = towards[0] ** 2 + towards[1] ** 2
     b = origin[0] * towards[0] + origin[1] * towards[1]

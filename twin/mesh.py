@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from twin.bends import bent
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z
 from twin.pipe import Pipe
 from twin.scanned import SCANNED
@@ -142,7 +143,10 @@ def solid(pipe: Pipe) -> trimesh.Trimesh:
         for rho in (inner, outer)
     ]
     faces = np.concatenate([inside[:, ::-1], outside, walls, closing])
-    body = trimesh.Trimesh(np.concatenate(vertices).reshape(-1, 3), faces, process=False)
+    places = np.concatenate(vertices).reshape(-1, 3)
+    if pipe.bends:
+        places = bent(pipe.axis, pipe.start_mm, places)
+    body = trimesh.Trimesh(places, faces, process=False)
     body.remove_unreferenced_vertices()
     return body
 

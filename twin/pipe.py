@@ -11,6 +11,7 @@ from numba import njit
 from pydantic import Field, model_validator
 
 from sensor_model.settings import ClockDeg, Settings
+from twin.bends import Axis, Bend, axis_of, bent_rows
 from twin.features import CODES, AnyFeature, feature_depth_mm
 from twin.features.base import CENTER_THETA, CENTER_Z, HALF_BOX_ARC, HALF_BOX_Z, ROW_LENGTH
 from twin.joints import DEBRIS, JOINT, TAPER, Debris, Joint, Taper, obstacle_depth_mm
@@ -50,7 +51,10 @@ class Standard(Settings):
 
 
 class Wall(NamedTuple):
-    """The pipe as compiled code reads it; nothing of the wall is nearer to the axis than `smallest_radius`."""
+    """The pipe as compiled code reads it; nothing of the wall is nearer to the axis than `smallest_radius`.
+
+    `axis` has the bends in a frame of reference (`bends.bent_rows`), no rows for a straight pipe; here, in the world's.
+    """
 
     inner_radius: float
     smallest_radius: float
@@ -60,16 +64,18 @@ class Wall(NamedTuple):
     codes: np.ndarray
     rows: np.ndarray
     scan: Scan | None
+    axis: np.ndarray
 
 
 class Pipe(Settings):
-    """A straight pipe along z with what is carved into its wall.
+    """A pipe along z with what is carved into its wall.
 
     Its bore comes from a `standard` or from `inner_radius_mm` and `wall_thickness_mm`. A feature that takes the whole
     wall shows its opaque backing when `backed`, and is a hole that returns no light when not. `joints`, `debris`
     and `tapers` are part of the wall that wheels and light meet, but no defects of it; what is nominal is the bore
     before all tapers. `surfaces` change the wheels' grip alone. With `scanned` the bore is as a scan has it, and what
-    else is stated is carved into that; of defects that the scan itself shows, nobody knows the true size.
+    else is stated is carved into that; of defects that the scan itself shows, nobody knows the true size. `bends` make
+    an axis that is no straight line: z then goes along it, and inclination is that of the pipe's start.
     """
 
     standard: Standard | None = None
@@ -87,6 +93,7 @@ class Pipe(Settings):
     tapers: tuple[Taper, ...] = Field(default=(), max_length=20)
     surfaces: tuple[Surface, ...] = Field(default=(), max_length=10_000)
     scanned: ScannedWall | None = None
+    bends: tuple[Bend, ...] = Field(default=(), max_length=1000)
 
     @model_validator(mode="after")
     def _bore_is_stated_once(self) -> Pipe:
@@ -110,6 +117,13 @@ class Pipe(Settings):
                 )
             if feature.depth_mm < self.wall_mm:
                 raise ValueError(f"a hole's depth_mm is the whole wall, {self.wall_mm:g} mm; got {feature.depth_mm:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _bends_are_possible(self) -> Pipe:
+        if self.bends and not self.backed:
+            raise ValueError("a pipe with bends must be backed: holes are reckoned in a straight one only")
+        _ = self.axis
         return self
 
     @model_validator(mode="after")
@@ -148,6 +162,11 @@ class Pipe(Settings):
         return self.end_mm - self.start_mm
 
     @cached_property
+    def axis(self) -> Axis:
+        """The axis in the world, whose frame is the pipe's at its start."""
+        return axis_of(self.start_mm, self.inclination_deg, 2 * self.outer_radius_mm, self.bends)
+
+    @cached_property
     def wall(self) -> Wall:
         """The pipe as `wall_radius_mm` and other compiled code read it."""
         changes = [taper.row(self.end_mm) for taper in self.tapers]
@@ -167,7 +186,8 @@ class Pipe(Settings):
         narrowed -= 0.0 if scan is None else min(float(scan.grid.min()), 0.0)
         widened = sum(max(taper.radius_change_mm, 0.0) for taper in self.tapers)
         smallest, outer = bore * (1 - ovality) - narrowed, self.outer_radius_mm + widened
-        return Wall(bore, smallest, outer, ovality, phase, codes, rows.reshape(-1, ROW_LENGTH), scan)
+        axis = bent_rows(self.axis, self.start_mm, np.inf, np.eye(4))
+        return Wall(bore, smallest, outer, ovality, phase, codes, rows.reshape(-1, ROW_LENGTH), scan, axis)
 
     def radius(self, theta_rad: np.ndarray | float, z_mm: np.ndarray | float) -> Float[np.ndarray, "*batch"]:
         """Distance from the axis to the wall: THE definition of this pipe, mm; arguments broadcast."""

@@ -35,9 +35,10 @@ class WheelLog:
 class Truth:
     """Motion of the camera and the wheels at the physics rate; the camera frame is the sensor's.
 
-    Velocities and accelerations are those of the camera's origin in the pipe frame; gravity is not in them.
+    The pipe frame is the axis's own where the camera is: z is the way along it, and in a bend the frame turns with it.
+    Accelerations are the camera's origin's, over the ground, in the pipe frame's axes; gravity is not in them.
     `wheel_angle_rad` is the turn of each encoder's wheel since the start, `slip_mm_s` its rim speed over the wall less
-    the travel speed (a prescribed path has none); `wheels` says more of each wheel, where there are any.
+    the travel speed along the axis (a prescribed path has none); `wheels` says more of each wheel, where there are any.
     """
 
     pipe: Pipe
@@ -74,9 +75,17 @@ ARRAYS = [field.name for field in fields(Truth) if field.name not in ("pipe", "w
 
 
 def gravity_direction(pipe: Pipe) -> Float[np.ndarray, "3"]:
-    """Unit vector of gravity in the pipe frame: +y when level, towards +z downhill."""
+    """Unit vector of gravity in the pipe frame at the pipe's start: +y when level, towards +z downhill."""
     slope = np.radians(pipe.inclination_deg)
     return np.array([0.0, np.cos(slope), np.sin(slope)])
+
+
+def gravity_along(pipe: Pipe, z_mm: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:
+    """`gravity_direction` in the pipe frame at places along it, which a bend up or down turns."""
+    start = gravity_direction(pipe)
+    if not pipe.bends:
+        return np.broadcast_to(start, (z_mm.size, 3))
+    return np.einsum("nji,j->ni", pipe.axis.frame(z_mm)[:, :3, :3], start)
 
 
 def save_truth(truth: Truth, folder: Path) -> None:
@@ -118,8 +127,16 @@ def from_path(
     wheel_angle_rad: Float[np.ndarray, "n wheels"],
 ) -> Truth:
     """The truth of a prescribed path: velocities and accelerations are its derivatives."""
-    velocity = np.gradient(position_mm, time_s, axis=0, edge_order=2)
-    rotation = rotation_from_wxyz(q_pipe_camera_wxyz)
+    place, rotation, R_pipe_world = position_mm, rotation_from_wxyz(q_pipe_camera_wxyz), None
+    if pipe.bends:
+        T_world_pipe = pipe.axis.frame(position_mm[:, 2])
+        across = position_mm * [1.0, 1.0, 0.0]
+        place = T_world_pipe[:, :3, 3] + np.einsum("nij,nj->ni", T_world_pipe[:, :3, :3], across)
+        rotation, R_pipe_world = T_world_pipe[:, :3, :3] @ rotation, np.swapaxes(T_world_pipe[:, :3, :3], 1, 2)
+    velocity = np.gradient(place, time_s, axis=0, edge_order=2)
+    acceleration = np.gradient(velocity, time_s, axis=0, edge_order=2)
+    if R_pipe_world is not None:
+        acceleration = np.einsum("nij,nj->ni", R_pipe_world, acceleration)
     step = Rotation.from_matrix(np.swapaxes(rotation[:-1], -1, -2) @ rotation[1:]).as_rotvec()
     rate = step / np.diff(time_s)[:, None]
     middle = np.vstack([rate[:1], 0.5 * (rate[:-1] + rate[1:]), rate[-1:]])
@@ -128,7 +145,7 @@ def from_path(
         time_s=time_s,
         position_mm=position_mm,
         q_pipe_camera_wxyz=q_pipe_camera_wxyz,
-        acceleration_mm_s2=np.gradient(velocity, time_s, axis=0, edge_order=2),
+        acceleration_mm_s2=acceleration,
         angular_velocity_camera_rad_s=middle,
         wheel_angle_rad=wheel_angle_rad,
         slip_mm_s=np.zeros_like(wheel_angle_rad),

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from twin.bends import Follower, bent_direction, unbent
 from twin.features.base import CENTER_THETA, CENTER_Z, FIRST_OWN, HALF_BOX_ARC, HALF_BOX_Z
 from twin.joints import TAPER
 from twin.pipe import Pipe, Wall, wall_radius_mm
@@ -55,7 +56,7 @@ def wheel_contacts(wall, hub_mm, axle, angle, wheel_shape):
     found = np.zeros((PER_WHEEL, 2))
     count = 0
     for i in range(n):
-        disc, shape = _disc(hub_mm[i], axle[i]), wheel_shape[i].copy()
+        disc, shape = _disc(wall.axis, hub_mm[i], axle[i]), wheel_shape[i].copy()
         shape[PHASE] += angle[i]
         if _beside_feature(wall, hub_mm[i], shape[0]):
             touching = _scan(wall, disc, shape, found)
@@ -74,11 +75,12 @@ def wheel_contacts(wall, hub_mm, axle, angle, wheel_shape):
 
 
 @njit(cache=True, error_model="numpy")
-def _disc(hub, axle):
+def _disc(axis, hub, axle):
     """Rows: hub, axle, and two unit vectors in the wheel's plane: away from the pipe's axis, and a quarter turn on."""
     disc = np.empty((4, 3))
     disc[0], disc[1] = hub, axle
-    disc[2] = hub[0], hub[1], 0.0
+    x, y, _ = unbent(axis, hub[0], hub[1], hub[2])
+    disc[2] = bent_direction(axis, hub, (x, y, 0.0))
     disc[2] -= np.dot(disc[2], axle) * axle
     disc[2] /= np.sqrt(np.dot(disc[2], disc[2]))
     disc[3] = np.cross(axle, disc[2])
@@ -99,6 +101,7 @@ def _rim_point(disc, shape, phi, across):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _gap(wall, x, y, z):
     """Radial distance from a point to the wall; below zero inside the material."""
+    x, y, z = unbent(wall.axis, x, y, z)
     return wall_radius_mm(wall, np.arctan2(x, -y), z) - np.sqrt(x * x + y * y)
 
 
@@ -110,13 +113,14 @@ def _rim_gap(wall, disc, shape, phi, across):
 
 @njit(cache=True, error_model="numpy")
 def _beside_feature(wall, hub, radius):
-    theta = np.arctan2(hub[0], -hub[1])
+    x, y, z = unbent(wall.axis, hub[0], hub[1], hub[2])
+    theta = np.arctan2(x, -y)
     for i in range(wall.codes.size):
         middle, half = wall.rows[i, CENTER_Z], wall.rows[i, HALF_BOX_Z]
         if wall.codes[i] == TAPER:  # beyond its slope it is a plain bore again
             sloping = 0.5 * wall.rows[i, FIRST_OWN]
             middle, half = middle - half + sloping, sloping
-        if abs(hub[2] - middle) > half + radius:
+        if abs(z - middle) > half + radius:
             continue
         turn = theta - wall.rows[i, CENTER_THETA]
         arc = wall.inner_radius * abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi)))
@@ -239,10 +243,12 @@ class WallContacts:
     Call `inject` between `mj_collision` and `mj_makeConstraint`, never from `mjcb_contactfilter`.
     """
 
-    def __init__(self, pipe: Pipe, robot: RobotModel, friction: tuple[float, float]):
+    def __init__(self, pipe: Pipe, robot: RobotModel, friction: tuple[float, float], start_mm: float = 0.0):
+        """`start_mm` is about where along the axis the robot stands."""
         import mujoco
 
         self.wall, self.robot, self._friction = pipe.wall, robot, friction[0]
+        self._way = Follower(pipe.axis, start_mm)
         self._surfaces = surface_rows(pipe.surfaces)
         self._creeps = any(surface.creep_pct > 0 for surface in pipe.surfaces)
         self.touching = np.zeros(robot.wheel_joint.size, dtype=bool)
@@ -273,9 +279,11 @@ class WallContacts:
             RuntimeError: when MuJoCo's memory for contacts is full.
         """
         robot, anchor = self.robot, data.xanchor
-        z_mm = anchor[robot.wheel_joint[0], 2] / MM
+        z_mm = self._along_mm(anchor[robot.wheel_joint[0]])
         if not abs(z_mm - self._near_z_mm) < NEAR_MM:
-            self._near, self._near_z_mm = _nearby(self.wall, anchor[robot.wheel_joint, 2] / MM), z_mm
+            hubs_mm = [self._along_mm(hub) for hub in anchor[robot.wheel_joint]]
+            self._near = _nearby(self.wall, np.array(hubs_mm))._replace(axis=self._way.rows)
+            self._near_z_mm = z_mm
         joints, shapes = (robot.wheel_joint, robot.wheel_angle), robot.wheel_shape
         found = self.found = Found(*_found(self._near, anchor, data.xaxis, data.qpos, *joints, shapes, self.touching))
         for wheel in found.wheel.tolist():
@@ -286,9 +294,14 @@ class WallContacts:
         contact.dist[:], contact.pos[:], contact.frame[:] = found.dist_m, found.point_m, found.frame
         if len(self._surfaces):
             spin = data.qvel[self._hinge]
-            grip, slack_s = _footing(self._surfaces, found, spin, robot.wheel_shape, self._soft, self._friction)
+            wheels = robot.wheel_shape, self._soft, self._friction
+            grip, slack_s = _footing(self._surfaces, self._near.axis, found, spin, *wheels)
             contact.friction[:, 0], contact.solreffriction[:, 0] = grip, slack_s
             contact.solreffriction[:, 1] = slack_s > 0
+
+    def _along_mm(self, place_m: np.ndarray) -> float:
+        """Where along the axis a place of the world lies."""
+        return place_m[2] / MM if self._way.is_straight else self._way.place_mm(place_m / MM)[2]
 
     def remember(self, data: Any) -> None:
         """Keep, for the creep of the next steps, how soft and how hard pressed each wheel's contact was in this one."""
@@ -297,7 +310,7 @@ class WallContacts:
 
 
 @njit(cache=True, error_model="numpy")
-def _footing(surfaces, found, spin_rad_s, wheel_shape, soft, friction):
+def _footing(surfaces, axis, found, spin_rad_s, wheel_shape, soft, friction):
     """Friction of each contact on what it stands on, and the time constant of its softness, s; 0 for the wall's own.
 
     MuJoCo's friction is soft: a pull f makes a contact slide at R f / b, with R its regularisation and b the rate of
@@ -307,7 +320,8 @@ def _footing(surfaces, found, spin_rad_s, wheel_shape, soft, friction):
     grip, slack_s = np.empty(found.wheel.size), np.zeros(found.wheel.size)
     for k in range(found.wheel.size):
         wheel = found.wheel[k]
-        share, creep = surface_at(surfaces, found.point_m[k, 2] / MM)
+        x, y, z = found.point_m[k, 0] / MM, found.point_m[k, 1] / MM, found.point_m[k, 2] / MM
+        share, creep = surface_at(surfaces, unbent(axis, x, y, z)[2])
         grip[k] = share * friction
         if creep > 0.0 and soft[wheel] > 0.0:
             rim_mm_s = abs(spin_rad_s[wheel]) * wheel_shape[wheel, 0]

@@ -229,9 +229,15 @@ def _tie(
     state, taken = _taken(state, seen, rows, variance, JOINT_GATE)
     if taken:
         stamp, moved_mm = state.filter.stamp_ns, float(near[0]) - found_mm
-        tied = Episode("joint", f"joint at {near[0]:g} mm", stamp, stamp, moved_mm)
-        state = replace(state, tied=(*state.tied, tied))
+        state = replace(state, tied=_noted(state.tied, f"joint at {near[0]:g} mm", stamp, moved_mm))
     return state, taken / variance
+
+
+def _noted(tied: tuple[Episode, ...], joint: str, stamp_ns: int, moved_mm: float) -> tuple[Episode, ...]:
+    """One more sight of a joint: the rings that pass it one after the other are one episode."""
+    if tied and tied[-1].who == joint:
+        return (*tied[:-1], replace(tied[-1], end_ns=stamp_ns, amount=tied[-1].amount + moved_mm))
+    return (*tied, Episode("joint", joint, stamp_ns, stamp_ns, moved_mm))
 
 
 def _taken(

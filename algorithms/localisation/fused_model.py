@@ -37,7 +37,7 @@ class InertialSettings(Settings):
     accelerometer_random_walk: Positive = 5.0e-4
     accelerometer_bias_m_s2: Positive = 0.02
     vibration_m_s2: Positive = 0.05
-    unfelt_m_s2: Positive = 0.1
+    unfelt_m_s2: Positive = 0.05
     slope_deg: Positive = 45.0
 
 

@@ -70,17 +70,17 @@ def _paper_rows() -> Iterator[Row]:
 
 
 def _our_rows(scans: dict[str, Scan], progress: Report) -> Iterator[Row]:
-    logs = {key: _logs(scan) for key, scan in scans.items()}
+    of_scan = {key: logs(scan) for key, scan in scans.items()}
     for name in ESTIMATORS:
         for imu in (WITH, WITHOUT, COARSE):
             row: Row = {"estimator": name, "imu": imu}
             for done, (key, scan) in enumerate(scans.items(), start=1):
-                row[key] = angle_deg(scan, logs[key][imu], name)
+                row[key] = angle_deg(scan, of_scan[key][imu], name)
                 progress(f"{name}, {imu}", done, len(scans))
             yield row
 
 
-def _logs(scan: Scan) -> dict[str, Recording]:
+def logs(scan: Scan) -> dict[str, Recording]:
     """The recording as it is, with an IMU that says nothing, and with one as coarse as the real log's."""
     return {WITH: scan.recording, WITHOUT: without_imu(scan.recording), COARSE: _with_real_log(scan)}
 

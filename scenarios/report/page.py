@@ -6,6 +6,7 @@ from html import escape
 from pathlib import Path
 
 from scenarios.extrapolated import extrapolated
+from scenarios.report.alarm_table import alarms
 from scenarios.report.canvas import Picture
 from scenarios.report.comparison import Row, rows
 from scenarios.report.numbers import score_figure
@@ -40,6 +41,7 @@ def write_report(run: Run, file: Path) -> None:
         "space": ("The pipe in space", figure_html(pipe_in_space(run))),
         "score": ("Score", score_tables(run) + f'<p class="note"><b>Oracle.</b> {escape(oracle(run))}</p>'),
         "pose": ("Pose errors", figure_html(errors_over_distance(run))),
+        "alarms": ("Slip alarms", alarms(run)),
         "path": ("The true path", _drive(run)),
         "frames": ("Frames and pictures", _frames(run)),
         "settings": ("Settings", _settings(run)),

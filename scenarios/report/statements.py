@@ -15,6 +15,7 @@ from scenarios.report.wall_figures import stretches
 from scenarios.run import Run, Scan
 from sensor_model.geometry import clock_position
 from sensor_model.rig import Rig
+from twin.pipe import Pipe
 
 PAPER = (
     "IMU-assisted robotic structured light sensing with featureless registration under uncertainties for pipeline "
@@ -67,7 +68,7 @@ def scanned(run: Run) -> list[tuple[str, str]]:
         (
             "Pipe",
             f"{trade}bore radius {pipe.bore_radius_mm:g} mm, wall {pipe.wall_mm:g} mm, from {pipe.start_mm:g} to "
-            f"{pipe.end_mm:g} mm, {slope}{oval}",
+            f"{pipe.end_mm:g} mm, {slope}{oval}{_bends(pipe)}",
         ),
         (
             "Drive",
@@ -86,6 +87,11 @@ def scanned(run: Run) -> list[tuple[str, str]]:
         ("Seed and version", f"seed {scenario.seed}, pipetwin {version('pipetwin')}"),
         ("Follows", f"“{PAPER}”"),
     ]
+
+
+def _bends(pipe: Pipe) -> str:
+    each = [f"{b.towards} from {b.from_mm:g} to {b.to_mm:g} mm at {b.radius_od:g} outer diameters" for b in pipe.bends]
+    return f"; bends {', '.join(each)}, and is drawn straight, as the measurement takes it to be" if each else ""
 
 
 FIDELITY = {

@@ -132,7 +132,7 @@ def light_ranges_mm(
     """How far the light goes until it meets the wall."""
     apex = T_pipe_camera[:3, :3] @ apex_camera_mm + T_pipe_camera[:3, 3]
     rays = np.ascontiguousarray(rays_camera.reshape(-1, 3) @ T_pipe_camera[:3, :3].T)
-    ranges = wall_ranges_mm(near_wall(pipe, float(apex[2])), tuple(apex.tolist()), rays)
+    ranges = wall_ranges_mm(near_wall(pipe, float(T_pipe_camera[2, 3])), tuple(apex.tolist()), rays)
     return ranges.reshape(rays_camera.shape[:2])
 
 

@@ -24,9 +24,10 @@ OUTLINE_POINTS = 24
 def write_view(drive: Playback, file: Path) -> None:
     """Write the page; the same run gives the same bytes."""
     name = drive.scenario.name
+    bent = " The pipe bends, and is drawn straight." if drive.scenario.pipe.bends else ""
     head = (
         f"<h1>{escape(name)}</h1><p>{escape(drive.scenario.why)} What really happened, {drive.time_s[-1]:.1f} s; seed "
-        f"{drive.scenario.seed}.</p>"
+        f"{drive.scenario.seed}.{bent}</p>"
     )
     controls = (
         '<p style="max-width:none"><button id="play">Play</button> <label>Time <input id="at" type="range" min="0" '

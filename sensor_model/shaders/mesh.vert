@@ -7,7 +7,7 @@ layout(location = NORMAL_LOC) in vec3 normal;
 #endif
 layout(location = INST_M_LOC) in mat4 inst_m;
 
-uniform mat4 M;                 // chunk to world: the pipe's axes, shifted to the camera's distance
+uniform mat4 M;                 // chunk to world: shifted to the camera's distance, and turned in a bend
 uniform mat4 V;                 // world to camera (z forward, x right, y down); with DEPTH, to the projector
 
 #ifdef GLASS
@@ -118,7 +118,7 @@ void main()
     vec4 place = M * inst_m * vec4(position, 1.0);
     world = place.xyz;
     from_projector = (projector_world * place).xyz;
-    normal_projector = mat3(projector_world) * normal;
+    normal_projector = mat3(projector_world) * (mat3(M) * normal);
     vec3 seen = (V * place).xyz;
 #ifdef GLASS
     vec3 source;

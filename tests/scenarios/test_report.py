@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from algorithms.reconstruct import begin, finish, see, step
+from algorithms.types import Episode
+from scenarios.report.alarm_table import alarms
 from scenarios.report.comparison import quantities, rows
 from scenarios.report.numbers import figure, score_figure, signed
 from scenarios.report.page import write_report
@@ -185,6 +187,21 @@ def test_a_pipe_without_defects(bare: Run, tmp_path: Path, monkeypatch: pytest.M
     assert "n/a (no defect in the pipe)" in words
     assert "No defect in the pipe, and none called." in words
     assert not re.search(r"\bnan\b|\bNone\b|\binf\b", words.partition("Every setting")[0])
+
+
+def test_slip_alarms_stand_beside_what_truly_slipped(bare: Run) -> None:
+    assert "gives no slip alarm" in alarms(bare)
+    slipping = bare.truth.slip_mm_s.copy()
+    slipping[:, 1] = 2.0
+    end_ns = round(bare.truth.time_s[-1] * 1e9)
+    stated = (Episode("slip", "wheel 2", end_ns - 10**9, end_ns, 3.1), Episode("gap", "imu", 0, 10**8, 0.1))
+    run = replace(bare, truth=replace(bare.truth, slip_mm_s=slipping), found=replace(bare.found, episodes=stated))
+    rows = re.findall(r"<tr><td>.*?</tr>", alarms(run))
+    assert "<td>+0.1 s</td><td>n/a</td>" in rows[0]
+    assert "<td>wheel 2</td>" in rows[1]
+    stated_mm, true_mm = re.findall(r"<td>([+-][0-9.]+) mm</td>", rows[1])
+    assert float(stated_mm) == 3.1
+    assert float(true_mm) == pytest.approx(2.0 * min(2.0, bare.truth.time_s[-1]), abs=0.1)
 
 
 def test_a_scan_that_finds_nothing(whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import nnls
@@ -142,3 +144,18 @@ def test_a_magnetometer_holds_the_heading_until_something_disturbs_it():
     lag_deg = 0.1 / (Fusion().north_gain_per_s * np.cos(NORTH_DIP_RAD) ** 2)
     assert held < 1.1 * lag_deg
     assert disturbed > held + 2
+
+
+def test_what_shakes_as_fast_as_it_is_read_passes_for_a_steady_force_unless_averaged():
+    time_s = np.arange(2001) / 1e3
+    shaking = np.zeros((time_s.size, 3))
+    shaking[:, 2] = 2000 * np.cos(2 * np.pi * 100 * time_s)  # mm/s2, at the rate of the readings
+    still = np.zeros_like(shaking)
+    truth = replace(
+        from_path(PIPE, time_s, still, np.tile([1.0, 0, 0, 0], (time_s.size, 1)), still), acceleration_mm_s2=shaking
+    )
+    for share, felt in ((0.0, 2.0), (1.0, 0.0)):
+        log = log_of(truth, NO_IMU_NOISE.model_copy(update={"averaged_share": share}))
+        force = log.acceleration_m_s2 @ MOUNT.R_camera_imu.T
+        assert force[1:, 2] == pytest.approx(felt, abs=1e-3)
+        assert force[1:, 1] == pytest.approx(-GRAVITY_M_S2, abs=1e-6)

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 
-from sensor_model.geometry import GRAVITY_M_S2, rotation_from_wxyz
+from sensor_model.geometry import GRAVITY_M_S2, rotation_from_wxyz, twist_about_z_rad, wxyz_from_rotation
 from sensor_model.settings import Settings
+from twin.bends import Follower, followed, straightened
 from twin.drives.base import DriveFailed
 from twin.drives.motors import (
     MotorFault,
@@ -40,7 +41,7 @@ from twin.robot_model import (
     build_model,
     wheel_names,
 )
-from twin.truth import Truth, WheelLog, gravity_direction
+from twin.truth import Truth, WheelLog, gravity_along
 from twin.wheel_contact import WallContacts
 from twin.wheel_log import WheelRecorder
 
@@ -118,18 +119,21 @@ def simulate_motion(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.rand
     import mujoco
 
     model = build_model(pipe, robot, draw_build(robot, rng))
-    contacts = WallContacts(pipe, model, (robot.wheel_friction, robot.roller_friction))
+    standing_mm = settings.start_mm - robot.camera_ahead_mm
+    contacts = WallContacts(pipe, model, (robot.wheel_friction, robot.roller_friction), standing_mm)
     data = mujoco.MjData(model.model)
     _place(data, pipe, robot, settings.start_mm)
     _settle(model, data, contacts)
-    data.qpos[2] += MM * settings.start_mm - data.site_xpos[0, 2]
+    way = Follower(pipe.axis, standing_mm)
+    late_mm = settings.start_mm - Follower(pipe.axis, settings.start_mm).place_mm(data.site_xpos[0] / MM)[2]
+    data.qpos[:3] += MM * late_mm * _heading(way, data.qpos)[:, 2]
 
     controls = _controls(pipe, robot, settings, model.feed_forward_s)
     limits = torque_limits_n_m(robot, settings.faults, len(controls))
     sensor = np.empty((len(controls), model.model.nsensordata))
     touching = np.empty((len(controls), len(wheel_names(robot))), dtype=bool)
     recorder = WheelRecorder(model, contacts, len(controls))
-    watch = Watch(pipe, robot, model, settings.tipped_deg, settings.stuck_mm, settings.tether_drag_n)
+    watch = Watch(pipe, robot, model, way, settings.tipped_deg, settings.stuck_mm, settings.tether_drag_n)
     ctrl, qpos, qvel, readout = data.ctrl, data.qpos, data.qvel, data.sensordata
     pull = data.xfrc_applied[model.model.body(CHASSIS).id]
     hinges = model.model.jnt_dofadr[model.model.actuator_trnid[:, 0]]
@@ -142,14 +146,28 @@ def simulate_motion(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.rand
             model.model.actuator_forcerange[:] = reach[:, None] * BOTH_WAYS
         ctrl[:] = control
         if hold is not None:
-            ctrl[robot.leg_count :] += hold.more_rad(i, 2 * atan2(qpos[6], qpos[3]))
-        pull[2] = -settings.tether_drag_n * np.tanh(qvel[2] / (1.0 * MM))
+            ctrl[robot.leg_count :] += hold.more_rad(i, _roll_rad(way, qpos))
+        if settings.tether_drag_n > 0:
+            tangent = _heading(way, qpos)[:, 2]
+            pull[:3] = -settings.tether_drag_n * np.tanh(tangent @ qvel[:3] / (1.0 * MM)) * tangent
         step(model.model, data, contacts)
         recorder.record(data, i)
         sensor[i], touching[i] = readout, contacts.touching
         if i % CHECK_STEPS == 0 or i == len(controls) - 1:
             watch.check(i, sensor[i], touching[i], data)
     return Motion(model, sensor, touching, recorder.log())
+
+
+def _heading(way: Follower, qpos: np.ndarray) -> Float[np.ndarray, "3 3"]:
+    """`R_world_pipe` where the chassis is."""
+    return np.eye(3) if way.is_straight else way.heading(way.place_mm(qpos[:3] / MM)[2])
+
+
+def _roll_rad(way: Follower, qpos: np.ndarray) -> float:
+    """The chassis's turn about the pipe's axis."""
+    if way.is_straight:
+        return 2 * atan2(qpos[6], qpos[3])
+    return float(twist_about_z_rad(_heading(way, qpos).T @ rotation_from_wxyz(qpos[3:7])))
 
 
 def step(model: Any, data: Any, contacts: WallContacts) -> None:
@@ -210,9 +228,9 @@ def _place(data: Any, pipe: Pipe, robot: Robot, start_mm: float) -> None:
             f"the robot does not fit: its legs reach a bore of {robot.bore_radius_mm - robot.leg_travel_mm:g} to "
             f"{robot.bore_radius_mm + robot.leg_travel_mm:g} mm radius, the pipe has {pipe.bore_radius_mm:g} mm"
         )
+    T = pipe.axis.frame(start_mm - robot.camera_ahead_mm)
     data.qpos[:] = 0.0
-    data.qpos[2] = MM * (start_mm - robot.camera_ahead_mm)
-    data.qpos[3] = 1.0
+    data.qpos[:3], data.qpos[3:7] = MM * T[:3, 3], wxyz_from_rotation(T[:3, :3])
     for name in [f"leg{k}" for k in range(robot.leg_count)] + ["end_front_arm", "end_rear_arm"]:
         data.joint(name).qpos[0] = MM * stretch
 
@@ -241,23 +259,32 @@ def _leg_angles(motion: Motion, robot: Robot) -> Float[np.ndarray, "n legs"]:
     return np.hstack([motion.readout(WHEEL_ANGLE.format(name)) for name in names])
 
 
+def _along_mm(pipe: Pipe, place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+    """Where along the axis something was, step by step."""
+    rows = pipe.wall.axis
+    return followed(rows, np.ascontiguousarray(place_mm))[:, 2] if len(rows) else place_mm[:, 2]
+
+
 def truth_of(pipe: Pipe, robot: Robot, motion: Motion) -> Truth:
     """The truth of a motion: in millimetres, its clock at zero, its encoders at zero."""
     time = STEP_S * np.arange(motion.sensor.shape[0])
-    q = motion.readout(ATTITUDE)
+    q, position_mm = motion.readout(ATTITUDE), motion.readout(POSITION) / MM
+    if pipe.bends:
+        position_mm, R_pipe_camera = straightened(pipe.axis, position_mm, rotation_from_wxyz(q))
+        q = wxyz_from_rotation(R_pipe_camera)
     # The accelerometer feels the wall, not gravity.
     felt = np.einsum("nij,nj->ni", rotation_from_wxyz(q), motion.readout(ACCELEROMETER))
     angle = _leg_angles(motion, robot)
     names = wheel_names(robot)[: 2 * robot.leg_count]
-    hub_mm = np.column_stack([motion.readout(WHEEL_HUB.format(name))[:, 2] / MM for name in names])
+    hub_mm = np.column_stack([_along_mm(pipe, motion.readout(WHEEL_HUB.format(name)) / MM) for name in names])
     pair_mm = hub_mm.reshape(time.size, robot.leg_count, 2).mean(axis=2)
     slip = np.gradient(angle * robot.leg_wheel_radius_mm - pair_mm, STEP_S, axis=0)
     return Truth(
         pipe=pipe,
         time_s=time,
-        position_mm=motion.readout(POSITION) / MM,
+        position_mm=position_mm,
         q_pipe_camera_wxyz=q,
-        acceleration_mm_s2=(felt + GRAVITY_M_S2 * gravity_direction(pipe)) / MM,
+        acceleration_mm_s2=(felt + GRAVITY_M_S2 * gravity_along(pipe, position_mm[:, 2])) / MM,
         angular_velocity_camera_rad_s=motion.readout(GYRO).copy(),
         wheel_angle_rad=angle - angle[0],
         slip_mm_s=slip,

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from sensor_model.geometry import GRAVITY_M_S2, rotation_from_wxyz
+from twin.bends import Follower
 from twin.drives.base import DriveFailed
 from twin.pipe import Pipe
 from twin.robot import Robot
 from twin.robot_model import ATTITUDE, MM, POSITION, STEP_S, WHEEL_ANGLE, RobotModel
 from twin.surfaces import GRIP
-from twin.truth import gravity_direction
+from twin.truth import gravity_along
 
 FASTEST_M_S = 20.0  # no part of the robot can be so fast; a body that is has left the simulation
 
@@ -21,9 +22,16 @@ class Watch:
     """Looks at the robot every few steps, and raises a `DriveFailed` that says what, when and where."""
 
     def __init__(
-        self, pipe: Pipe, robot: Robot, model: RobotModel, tipped_deg: float, stuck_mm: float, tether_drag_n: float
+        self,
+        pipe: Pipe,
+        robot: Robot,
+        model: RobotModel,
+        way: Follower,
+        tipped_deg: float,
+        stuck_mm: float,
+        tether_drag_n: float,
     ):
-        self._pipe, self._robot, self._model = pipe, robot, model
+        self._pipe, self._robot, self._model, self._way = pipe, robot, model, way
         self._tipped_deg, self._stuck_mm, self._tether_n = tipped_deg, stuck_mm, tether_drag_n
         self._wheels = [model.sensor[WHEEL_ANGLE.format(f"leg{k}_front")].start for k in range(robot.leg_count)]
         self._passed: tuple[float, float, float] | None = None
@@ -37,19 +45,20 @@ class Watch:
         self._diverged(i, data)
         pipe, robot = self._pipe, self._robot
         position = readout[self._model.sensor[POSITION]] / MM
-        where = f"at {i * STEP_S:.2f} s, camera at z = {position[2]:.0f} mm"
         axis = rotation_from_wxyz(readout[self._model.sensor[ATTITUDE]])[:, 2]
-        tilt_deg = np.degrees(np.arccos(np.clip(axis[2], -1, 1)))
+        chassis = self._way.place_mm(position - robot.camera_ahead_mm * axis)
+        travelled = chassis[2] + robot.camera_ahead_mm
+        where = f"at {i * STEP_S:.2f} s, camera at z = {travelled:.0f} mm"
+        tilt_deg = np.degrees(np.arccos(np.clip(axis @ self._way.heading(chassis[2])[:, 2], -1, 1)))
         if not tilt_deg <= self._tipped_deg:
             raise DriveFailed(f"the robot tips by {tilt_deg:.1f} degrees {where}")
-        chassis = position - robot.camera_ahead_mm * axis
         if np.hypot(*chassis[:2]) > pipe.bore_radius_mm - robot.chassis_radius_mm:
             raise DriveFailed(f"the chassis rubs on the wall {where}")
         if not touching.any():
             raise DriveFailed(f"no wheel touches the wall {where}")
         told = float(np.median(data.ctrl[: robot.leg_count])) * robot.wheel_radius_mm
         rolled = float(np.median(readout[self._wheels] * robot.leg_wheel_radius_mm))
-        self._stuck(told, rolled, float(position[2]), where)
+        self._stuck(told, rolled, travelled, where)
 
     def _diverged(self, i: int, data: Any) -> None:
         speed = np.linalg.norm(data.cvel[:, 3:], axis=1)
@@ -78,7 +87,10 @@ class Watch:
         states = [s.state for s in pipe.surfaces if s.from_mm <= at_mm < s.to_mm]
         grip = robot.leg_count * robot.leg_preload_n * robot.wheel_friction * GRIP[states[-1] if states else "dry"]
         motors = robot.leg_count * robot.motor_torque_limit_n_mm / robot.wheel_radius_mm
-        slope = -sense * self._model.model.body_mass.sum() * GRAVITY_M_S2 * gravity_direction(pipe)[2] + 0.0
+        slope = (
+            -sense * self._model.model.body_mass.sum() * GRAVITY_M_S2 * gravity_along(pipe, np.array([at_mm]))[0, 2]
+            + 0.0
+        )
         needed = max(self._tether_n + slope, 0.0)
         push = min(grip, motors)
         said = (
