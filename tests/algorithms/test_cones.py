@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from algorithms.calibration.cones import ConesNotFound, fit_cones
+from algorithms.calibration.cone_fit import ConesNotFound, fit_cones
 from sensor_model.geometry import transform
 from sensor_model.rig import preset_rig
 

@@ -10,7 +10,6 @@ import pytest
 
 from algorithms.calibration.boards import ArucoGrid
 from algorithms.calibration.pipe_view import robust_residual_mm, view_pipe
-from algorithms.calibration.seat import fit_seat
 from algorithms.calibration.slide import learn_slide, with_jag
 from algorithms.decode import DecodeSettings, decode
 from scenarios.calibration import projector
