@@ -76,10 +76,11 @@ class ConeFit:
 
 
 class _Part(NamedTuple):
-    """One picture, linearised: points, excess, and its slopes by the shared unknowns and the surface's own."""
+    """One picture, linearised: points, excess, its variance by the rays' noise, slopes by shared and own unknowns."""
 
     xyz_mm: Float[np.ndarray, "n 3"]
     excess_rad: Float[np.ndarray, "n"]
+    noise2: Float[np.ndarray, "n"]
     by_shared: Float[np.ndarray, "n shared"]
     by_own: Float[np.ndarray, "n own"]
 
@@ -109,10 +110,10 @@ def fit_cones(
 ) -> ConeFit:
     """Gauss-Newton on the angles by which points leave their cones, together with what the points lie on.
 
-    A slit counts by its own scatter, and what lies far off it is cut. Points of one place on the slide err alike,
-    whatever they are seen on; by how much more than chance the fit measures, and counts them for so much less. `prior`
-    is what is known of apex, axis and half angles: information about `start`. Without it the half angle of a slit that
-    is not seen is NaN.
+    A point counts by the noise of its ray and the roughness of its slit, as measured; what lies far off is cut. Points
+    of one place on the slide err alike, whatever they are seen on; by how much more than chance the fit measures, and
+    counts them for so much less. `prior` is what is known of apex, axis and half angles: information about `start`.
+    Without it the half angle of a slit that is not seen is NaN.
 
     Raises:
         CannotCalibrate: where the points leave the cones open.
@@ -131,24 +132,30 @@ def fit_cones(
         open_ones = _angles_from(slits, own_apex) + np.flatnonzero(unseen)
         information[open_ones, open_ones] = 1.0
     state = _State(start, [np.zeros(len(one.on.held)) for one in sights], common)
-    moved, kept, alike, sigma = np.zeros(shared), np.ones(slit.size, dtype=bool), 1.0, np.full(slits, np.inf)
+    moved, kept, alike, rough = np.zeros(shared), np.ones(slit.size, dtype=bool), 1.0, np.full(slits, np.inf)
     for _ in range(ROUNDS):
         for _ in range(STEPS):
             parts = [
-                _where_likely(one, own, state, own_apex, sigma) for one, own in zip(sights, state.own, strict=True)
+                _where_likely(one, own, state, own_apex, rough) for one, own in zip(sights, state.own, strict=True)
             ]
             excess = np.concatenate([part.excess_rad for part in parts])
-            kept, sigma = _inliers(excess, slit, slits, kept)
-            weight = kept / (alike * sigma[slit] ** 2)
+            noise2 = np.concatenate([part.noise2 for part in parts])
+            rough = _roughness(excess, noise2, slit, kept, slits)
+            variance = rough[slit] ** 2 + noise2
+            kept = _inliers(excess / np.sqrt(variance), slit, kept, slits)
+            weight = kept / (alike * variance)
             H, step, own_steps, levers = _solved(sights, parts, weight, state, information, moved)
             state = _stepped(state, step, own_steps, own_apex)
             moved = moved + step
             if float(step @ H @ step) < SETTLED:
                 break
-        alike = max(_alike(state.cones, parts, slit, levers, weight * excess), 1.0)
+        by_cell = _by_cell(state.cones, parts, slit, levers * (weight * excess)[:, None])
+        stated = levers.T @ (weight[:, None] * levers)
+        alike = max(alike * _share(by_cell, stated), 1.0)
     xyz = np.concatenate([part.xyz_mm for part in parts])
     picture = np.repeat(np.arange(len(sights)), [one.slit.size for one in sights])
-    covariance = np.linalg.inv(H)
+    inverse = np.linalg.inv(H)  # as if points erred by themselves and all alike; Huber's sandwich needs neither
+    covariance = inverse + inverse @ (by_cell.T @ by_cell - stated) @ inverse
     return ConeFit(state.cones, covariance, tuple(state.own), state.common, xyz, slit, picture, excess, kept, alike)
 
 
@@ -175,11 +182,11 @@ def points_mm(one: Sight, own: Float[np.ndarray, "own"], common: Float[np.ndarra
     return one.on.range_mm(one.ray, own, common)[:, None] * one.ray
 
 
-def _where_likely(one: Sight, own: np.ndarray, state: _State, own_apex: bool, sigma: np.ndarray) -> _Part:
+def _where_likely(one: Sight, own: np.ndarray, state: _State, own_apex: bool, rough: np.ndarray) -> _Part:
     """The picture linearised where its points likely are, not where noise puts them.
 
     Slopes taken at a noisy place go along with its noise, which bends a fit of many points away from the truth. Of what
-    a point lies off its cone, its ray has that share which its own noise has in the scatter of its slit.
+    a point lies off its cone, its ray has that share which its noise has beside the roughness of its slit.
     """
     xyz = points_mm(one, own, state.common)
     excess = excess_rad(xyz, one.slit, state.cones) - one.jag_rad
@@ -187,9 +194,9 @@ def _where_likely(one: Sight, own: np.ndarray, state: _State, own_apex: bool, si
     further = excess_rad(points_mm(beside, own, state.common), one.slit, state.cones) - one.jag_rad
     lever = (further - excess) / TURN_RAD
     noise2 = (lever * one.sigma_rad) ** 2
-    turn = -excess * lever * one.sigma_rad**2 / np.maximum(sigma[one.slit] ** 2, np.maximum(noise2, 1e-18))
+    turn = -excess * lever * one.sigma_rad**2 / (rough[one.slit] ** 2 + noise2)
     part = _linear(one._replace(ray=_turned_out(one.ray, turn)), own, state, own_apex)
-    return part._replace(xyz_mm=xyz, excess_rad=part.excess_rad - lever * turn)
+    return part._replace(xyz_mm=xyz, excess_rad=part.excess_rad - lever * turn, noise2=noise2)
 
 
 def _turned_out(ray: Float[np.ndarray, "n 3"], turn_rad: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:
@@ -214,18 +221,29 @@ def _linear(one: Sight, own: np.ndarray, state: _State, own_apex: bool) -> _Part
     by_shared[np.arange(n), angles + one.slit] = -1.0
     by_range = np.einsum("ni,ni->n", by_point, one.ray)[:, None]
     by_shared[:, angles + slits :] = by_range * range_by_common
-    return _Part(xyz, excess - one.jag_rad, by_shared, by_range * range_by_own)
+    return _Part(xyz, excess - one.jag_rad, np.zeros(n), by_shared, by_range * range_by_own)
 
 
-def _inliers(excess: np.ndarray, slit: np.ndarray, slits: int, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What lies near its slit's own middle, and the scatter there; each slit is as rough as it is."""
-    out, sigma = np.zeros(slit.size, dtype=bool), np.ones(slits)
+def _roughness(
+    excess: np.ndarray, noise2: np.ndarray, slit: np.ndarray, kept: np.ndarray, slits: int
+) -> Float[np.ndarray, "slits"]:
+    """How far the points of each slit scatter beyond the noise of their rays."""
+    out = np.full(slits, LEAST_SIGMA_RAD)
+    for j in range(slits):
+        mine = (slit == j) & kept
+        if mine.any():
+            out[j] = max(spread(excess[mine]) ** 2 - float(np.median(noise2[mine])), LEAST_SIGMA_RAD**2) ** 0.5
+    return out
+
+
+def _inliers(sigmas: np.ndarray, slit: np.ndarray, kept: np.ndarray, slits: int) -> Bool[np.ndarray, "n"]:
+    """What lies near its slit's own middle; `sigmas` are standard deviations off the cone."""
+    out = np.zeros(slit.size, dtype=bool)
     for j in range(slits):
         mine = slit == j
         if (mine & kept).any():
-            sigma[j] = max(spread(excess[mine & kept]), LEAST_SIGMA_RAD)
-            out[mine] = np.abs(excess[mine] - np.median(excess[mine & kept])) < CUT_SIGMAS * sigma[j]
-    return out, sigma
+            out[mine] = np.abs(sigmas[mine] - np.median(sigmas[mine & kept])) < CUT_SIGMAS
+    return out
 
 
 def _solved(
@@ -276,12 +294,16 @@ def _stepped(state: _State, step: np.ndarray, own_steps: list[np.ndarray], own_a
     return _State(moved, own, state.common + step[angles + slits :])
 
 
-def _alike(cones: Cones, parts: Sequence[_Part], slit: np.ndarray, levers: np.ndarray, pulling: np.ndarray) -> float:
-    """How much more the pull on the unknowns scatters than if points erred by themselves: 1 where no two err alike."""
+def _by_cell(
+    cones: Cones, parts: Sequence[_Part], slit: np.ndarray, pull: Float[np.ndarray, "n shared"]
+) -> Float[np.ndarray, "cells shared"]:
+    """The points' pull on the shared unknowns, summed over each place on the slide."""
     azimuth = projector_azimuth_rad(np.concatenate([part.xyz_mm for part in parts]), cones.T_camera_projector)
     cell = slit * ALIKE_CELLS + (azimuth / (2 * np.pi) * ALIKE_CELLS).astype(np.int64) % ALIKE_CELLS
-    pull = levers * pulling[:, None]
-    by_cell = np.stack([np.bincount(cell, weights=column) for column in pull.T])
-    by_itself = np.sum(pull**2, axis=0)
-    seen = by_itself > 0
-    return float(np.mean(np.sum(by_cell[seen] ** 2, axis=1) / by_itself[seen])) if seen.any() else 1.0
+    return np.stack([np.bincount(cell, weights=column) for column in pull.T], axis=1)
+
+
+def _share(by_cell: Float[np.ndarray, "cells shared"], stated: Float[np.ndarray, "shared shared"]) -> float:
+    """How many times more that scatters than it is stated to: the mean of the unknowns."""
+    chance = np.diag(stated)
+    return float(np.mean(np.sum(by_cell[:, chance > 0] ** 2, axis=0) / chance[chance > 0]))

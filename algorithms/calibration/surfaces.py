@@ -113,9 +113,11 @@ class Bore:
     ) -> tuple[np.ndarray, np.ndarray]:
         """By the axis, the oval and the radius; the oval is so small that it changes no slope."""
         _, outward, towards = self._on_circle(ray, own, common)
-        ahead = (range_mm * ray[:, 2])[:, None]
-        moved = np.column_stack([outward[:, :2], ahead * outward[:, :2], _twofold(outward)]) / towards[:, None]
-        return moved, np.repeat(1.0 / towards[:, None], common.size, axis=1)
+        x, y, slope_x, slope_y = self.axis + own[:4]
+        axis = np.array([slope_x, slope_y, 1.0])
+        ahead = (range_mm[:, None] * ray - [x, y, 0.0]) @ axis / (axis @ axis)
+        moved = np.column_stack([outward[:, :2], ahead[:, None] * outward[:, :2], _twofold(outward)])
+        return moved / towards[:, None], np.repeat(1.0 / towards[:, None], common.size, axis=1)
 
     def _on_circle(
         self, ray: Float[np.ndarray, "n 3"], own: np.ndarray, common: np.ndarray

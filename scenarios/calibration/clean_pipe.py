@@ -35,7 +35,11 @@ from sensor_model.recording import open_recording
 from sensor_model.rig import Rig
 
 NORMAL_95 = 1.96
-MOST_DIRECTIONS, NAMED = 4, 0.15  # of a direction: what moves by less than this share of its own is not named
+MOST_DIRECTIONS, MOST_NAMED, NAMED = (
+    4,
+    6,
+    0.25,
+)  # of a direction: what moves by less than this share of its own is not named
 
 
 class Known(NamedTuple):
@@ -120,7 +124,10 @@ def _scan_figures(found: PipeCalibration, known: Known, radius_mm: float | None,
         "half_angle_deg": {slit.name: slit.half_angle_deg for slit in projector.slits},
         "interval_95_before": dict(zip(names, interval["before"].tolist(), strict=True)),
         "interval_95": dict(zip(names, interval["after"].tolist(), strict=True)),
-        "not_observed": [_said(one, names, known.covariance) for one in found.stayed[:MOST_DIRECTIONS]],
+        "not_observed": [
+            {"left_share": one.left, "moves": _said(one, names, known.covariance)}
+            for one in found.stayed[:MOST_DIRECTIONS]
+        ],
     }
     if true is not None:
         for name, rig in (("off_true_rig_before", known.rig), ("off_true_rig", found.rig)):
@@ -129,15 +136,11 @@ def _scan_figures(found: PipeCalibration, known: Known, radius_mm: float | None,
 
 
 def _said(direction: Direction, names: list[str], before: np.ndarray) -> str:
-    """A direction in words: what moves together, and what share of its uncertainty is left."""
+    """What moves together in a direction, one standard deviation of it, the most uncertain first."""
     share = direction.by / np.sqrt(np.diag(before))
     by = _in_units(direction.by) * np.sign(share[np.argmax(np.abs(share))])
-    moved = ", ".join(
-        f"{names[k]} {by[k]:+.2g}"
-        for k in np.argsort(-np.abs(share))[:6]
-        if abs(share[k]) > NAMED * np.abs(share).max()
-    )
-    return f"{moved}: {100 * direction.left:.0f} % of its uncertainty is left"
+    largest = [k for k in np.argsort(-np.abs(share))[:MOST_NAMED] if abs(share[k]) > NAMED * np.abs(share).max()]
+    return ", ".join(f"{names[k]} {by[k]:+.2g}" for k in largest)
 
 
 def _scan_page(figures: dict[str, Any], found: PipeCalibration, known: Known) -> str:
@@ -160,11 +163,13 @@ def _scan_page(figures: dict[str, Any], found: PipeCalibration, known: Known) ->
         errors = [("against the true rig", "before", "after")]
         both = figures["off_true_rig_before"], figures["off_true_rig"]
         errors += [(name, *(f"{one[name]:.4f}" for one in both)) for name in Off._fields]
-    stayed = figures["not_observed"] or ["The scan saw every direction better than it was known before."]
+    stayed = [("what moves together (one standard deviation)", "share of its uncertainty that is left")]
+    stayed += [(one["moves"], f"{100 * one['left_share']:.0f} %") for one in figures["not_observed"]]
+    seen_all = [] if len(stayed) > 1 else ["The scan saw every direction better than it was known before."]
     sections = [
         Section("Frames", words, errors),
         Section("What is known of the projector", [], rows, [_interval_figure(figures)]),
-        Section("What clean pipe does not show", stayed),
+        Section("What clean pipe does not show", seen_all, stayed if not seen_all else ()),
     ]
     return calibration_page("Calibration in clean pipe", "", verdict, found.helps, sections)
 
