@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from algorithms.calibration.clean_pipe import calibrate_in_pipe
 from algorithms.calibration.poses_needed import Off, off_from
@@ -79,8 +80,6 @@ def _true_rig(rng: np.random.Generator) -> Rig:
 def _frames(true: Rig, seed: int) -> Iterator[SlitPixels]:
     pipe = Pipe(inner_radius_mm=RADIUS_MM, wall_thickness_mm=7.5, start_mm=-400, end_mm=1200, features=PITS)
     way, noise = stream(seed, "drive"), stream(seed, "points")
-    from scipy.spatial.transform import Rotation
-
     for k in range(FRAMES):
         T_pipe_camera = np.eye(4)
         T_pipe_camera[:3, :3] = Rotation.from_euler("xy", way.normal(0, TILT_STD_DEG, 2), degrees=True).as_matrix()
