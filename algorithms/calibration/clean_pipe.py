@@ -24,6 +24,7 @@ LEAST_FRAMES = 8  # of a scan
 MOST_POINTS = 1500  # of a frame
 LEAST_CELL = 20  # points of a place on the slide, over all frames
 PATTERN_CELLS = 36
+OVAL_STD_MM, ROUND_STD_MM = 0.5, 1e-3  # a few pictures cannot tell an oval from the projector's tilt
 OPEN_RATIO = 0.7  # a direction that stays at this share of the boards' standard deviation has not been seen
 # how far a seat may be from the calibrated one after the projector was mounted anew; the baseline is the boards'
 SEAT_STD = (1.0, 1.0, 1e-3, 0.01, 0.01)  # apex, mm, and two tilts, rad
@@ -109,7 +110,8 @@ def fit_pipe(
     if len(frames) < 2:
         raise CannotCalibrate(f"{len(frames)} pictures with a pipe in them; at least 2 are needed, from unlike places")
     bore_mm = radius_mm or _mean_radius_mm(frames, rig)
-    sights = [_sight(seen, rig, bore_mm) for seen in frames]
+    oval_std_mm = OVAL_STD_MM if len(frames) >= LEAST_FRAMES else ROUND_STD_MM
+    sights = [_sight(seen, rig, bore_mm, oval_std_mm) for seen in frames]
     common = np.zeros(1 if radius_mm is None else 0)
     fit = fit_cones(sights, cones_of(rig.projector), np.linalg.inv(covariance), common)
     moved = rig.model_copy(update={"projector": with_cones(rig.projector, fit.cones)})
@@ -125,7 +127,7 @@ def _mean_radius_mm(frames: Sequence[SlitPixels], rig: Rig) -> float:
     return float(np.mean([_cylinder(seen, rig)[1].radius_mm for seen in frames]))
 
 
-def _sight(seen: SlitPixels, rig: Rig, radius_mm: float) -> Sight:
+def _sight(seen: SlitPixels, rig: Rig, radius_mm: float, oval_std_mm: float) -> Sight:
     """Points of a frame near its cylinder, evenly fewer where there are many."""
     points, alignment = _cylinder(seen, rig)
     near = np.flatnonzero(np.abs(radial_mm(points.xyz_mm, alignment)) < WRONG_MM)
@@ -133,7 +135,10 @@ def _sight(seen: SlitPixels, rig: Rig, radius_mm: float) -> Sight:
     slit, table = points.ring[near].astype(np.int64), rig.projector.jag_table_rad
     azimuth = projector_azimuth_rad(points.xyz_mm[near], rig.projector.T_camera_projector)
     jag = jag_rad(table, slit, azimuth) if table.size else 0.0
-    rays, bore = fisheye_rays(points.pixel[near], rig.camera.intrinsics), Bore(axis_of(alignment), radius_mm)
+    rays, bore = (
+        fisheye_rays(points.pixel[near], rig.camera.intrinsics),
+        Bore(axis_of(alignment), radius_mm, oval_std_mm),
+    )
     typical_px = [
         np.median(seen.sigma_px[seen.slit == j]) if (seen.slit == j).any() else 0.0 for j in range(len(table))
     ]

@@ -15,6 +15,7 @@ from algorithms.calibration.surfaces import FlatBoard, Places
 from sensor_model.geometry import cone_frame, fisheye_rays, jag_rad, projector_azimuth_rad
 
 LEAST_POINTS, LEAST_BOARDS, LEAST_HALVED = 100, 2, 8
+MOST_GROUPS = 8  # of boards that are left out in turn; of fewer boards, each by itself
 LEAST_RANGE_SPREAD = 0.05  # of the mean range: boards that all stand alike leave apex and angle open
 ALIKE_CORNERS = 16.0  # corners near each other err alike, by how the board is printed and bent and by the lens
 LEAST_CORNER_PX = 0.1
@@ -54,8 +55,8 @@ class SeenBoards:
 class ProjectorCalibration:
     """The fit of all boards; each slit's cone by itself; what halves of the boards say; the slide's correction.
 
-    `covariance` is of apex, two tilts and half angles: the fit's own, or so much larger as leaving out one board at a
-    time shows the boards to disagree.
+    `covariance` is of apex, two tilts and half angles: the fit's own, or so much larger as leaving out boards in turn
+    shows them to disagree.
     """
 
     fit: ConeFit
@@ -63,12 +64,12 @@ class ProjectorCalibration:
     own_half_angle_rad: Float[np.ndarray, "slits"]
     halves: tuple[Cones, ...]
     table_rad: Float[np.ndarray, "slits cells"]
-    plain_mm: Float[np.ndarray, "boards"]
-    corrected_mm: Float[np.ndarray, "boards"]
+    plain_mm: Float[np.ndarray, "groups"]
+    corrected_mm: Float[np.ndarray, "groups"]
 
     @property
     def correction_helps(self) -> bool:
-        """Whether the correction learned from the other boards lowers the residual of a board left out."""
+        """Whether the correction learned from the other boards lowers the residual of those left out."""
         return bool(np.mean(self.corrected_mm) < SLIDE_GAIN * np.mean(self.plain_mm))
 
     @property
@@ -119,11 +120,12 @@ def calibrate_projector(seen: SeenBoards, intrinsics: Float[np.ndarray, "9"], sl
     """
     sights = seen.sights(intrinsics)
     fit = fit_boards(sights, slits)
-    boards = range(len(sights))
+    groups = min(len(sights), MOST_GROUPS) if len(sights) > LEAST_BOARDS else 0
+    group = np.arange(len(sights)) % max(groups, 1)
     plain, corrected, moved = [], [], []
-    for left_out in boards if len(sights) > LEAST_BOARDS else ():
-        taught = fit_boards([sights[i] for i in boards if i != left_out], slits, fit.cones)
-        rms = _left_out_mm(fit, left_out, taught.cones, jag_table_rad(taught))
+    for out in range(groups):
+        taught = fit_boards([sights[i] for i in np.flatnonzero(group != out)], slits, fit.cones)
+        rms = _left_out_mm(fit, group[fit.picture] == out, taught.cones, jag_table_rad(taught))
         plain.append(rms[0])
         corrected.append(rms[1])
         moved.append(_moved_by(fit.cones, taught.cones))
@@ -145,7 +147,7 @@ def _moved_by(one: Cones, other: Cones) -> Float[np.ndarray, "unknowns"]:
     return np.concatenate([one.apex_mm[0] - other.apex_mm[0], tilt, one.half_angle_rad - other.half_angle_rad])
 
 
-def _disagreement(moved: Float[np.ndarray, "boards unknowns"], std: Float[np.ndarray, "unknowns"]) -> float:
+def _disagreement(moved: Float[np.ndarray, "groups unknowns"], std: Float[np.ndarray, "unknowns"]) -> float:
     """How many times the stated variance the jackknife over the boards finds, the mean of all unknowns; at least 1."""
     if not len(moved):
         return 1.0
@@ -174,10 +176,10 @@ def jag_table_rad(fit: ConeFit) -> Float[np.ndarray, "slits cells"]:
 
 
 def _left_out_mm(
-    fit: ConeFit, board: int, cones: Cones, table: Float[np.ndarray, "slits cells"]
+    fit: ConeFit, left_out: Bool[np.ndarray, "n"], cones: Cones, table: Float[np.ndarray, "slits cells"]
 ) -> tuple[float, float]:
-    """RMS distance of one board's inliers from cones that it had no part in, without and with their correction."""
-    mine: Bool[np.ndarray, "n"] = fit.inliers & (fit.picture == board)
+    """RMS distance of some boards' inliers from cones that they had no part in, without and with their correction."""
+    mine = fit.inliers & left_out
     xyz, slit = fit.xyz_mm[mine], fit.slit[mine]
     off = excess_rad(xyz, slit, cones)
     jag = jag_rad(table, slit, projector_azimuth_rad(xyz, cones.T_camera_projector))

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 POSE_STEP = 1e-6
-OVAL_STD_MM = 0.5  # how far a bore may be from round
 
 
 class Surface(Protocol):
@@ -91,17 +90,18 @@ def plane_of(pose: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4"]:
 class Bore:
     """A pipe's wall around the camera: where its axis crosses the camera's plane, its slope, how oval it is.
 
-    Nothing of these is known beforehand, but that the bore is nearly round. The radius is as stated, or the one common
-    unknown is how much larger it is.
+    Nothing of these is known beforehand, but that the bore is as round as `oval_std_mm` says. The radius is as stated,
+    or the one common unknown is how much larger it is.
     """
 
     axis: Float[np.ndarray, "4"]
     radius_mm: float
+    oval_std_mm: float
 
     @property
     def held(self) -> Float[np.ndarray, "6 6"]:
         """Only the oval is held."""
-        return np.diag([0.0] * 4 + [OVAL_STD_MM**-2] * 2)
+        return np.diag([0.0] * 4 + [self.oval_std_mm**-2] * 2)
 
     def range_mm(self, ray: Float[np.ndarray, "n 3"], own: np.ndarray, common: np.ndarray) -> Float[np.ndarray, "n"]:
         """Float[np.ndarray, "n 3"] to the wall."""

@@ -115,7 +115,11 @@ def test_slopes_are_the_differences_they_make(true):
     ray = xyz / np.linalg.norm(xyz, axis=1)[:, None]
     for surface, own, common in [
         (FlatBoard(np.array([0.1, -0.2, 0.3, 5.0, 6.0, 200.0]), np.eye(6)), rng.normal(0, 1e-2, 6), np.zeros(0)),
-        (Bore(np.array([3.0, -2.0, 0.03, 0.01]), 76.2), np.array([0.1, 0.2, 0.001, 0.002, 0.0, 0.0]), np.array([0.3])),
+        (
+            Bore(np.array([3.0, -2.0, 0.03, 0.01]), 76.2, 0.5),
+            np.array([0.1, 0.2, 0.001, 0.002, 0.0, 0.0]),
+            np.array([0.3]),
+        ),
     ]:
         by_own, by_common = surface.slopes(ray, surface.range_mm(ray, own, common), own, common)
         for slopes, given, of in [(by_own, own, 0), (by_common, common, 1)]:
