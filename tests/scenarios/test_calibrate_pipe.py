@@ -79,13 +79,7 @@ def test_an_exact_rig_is_left_where_it_is(frames):
 
 
 def test_the_command_goes_on_from_the_boards_and_writes_what_it_knows(boards, tmp_path):
-    short = [
-        "sensing.fidelity=points",
-        "sensing.frame_rate_hz=5",
-        "sensing.points.azimuths=180",
-        "drive.stages=[{to_mm: 120}]",
-        "pipe.features=[]",
-    ]
+    short = ["sensing.fidelity=points", "sensing.frame_rate_hz=4", "drive.stages=[{to_mm: 200}]", "pipe.features=[]"]
     scenario = load_scenario("paper-gantry", short).model_copy(update={"true_rig": RIG})
     run(scenario, tmp_path / "run", 1, lambda *_: None)
     start, true, out = (tmp_path / name for name in ("boards.yaml", "true.yaml", "rig.yaml"))
