@@ -6,7 +6,7 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -19,6 +19,10 @@ OutRig = Annotated[
     Path, typer.Option("-o", "--out", metavar="RIG.YAML", help="The rig to write; a page goes beside it.")
 ]
 BaseRig = Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig whose other parts are kept.")]
+TrueRig = Annotated[
+    str | None,
+    typer.Option("--true-rig", metavar="RIG", help="The rig that drew the pictures, where a twin did: prints errors."),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -59,6 +63,7 @@ def projector(
     out: OutRig,
     as_json: AsJson = False,
     marker_mm: Annotated[float, typer.Option("--marker-mm", min=1, max=1000, help="Side of a marker.")] = 36.2143,
+    true_rig: TrueRig = None,
 ) -> None:
     """Calibrate the projector from pictures of a board with ArUco markers (4 x 6, gaps of a fifth of a marker)."""
     _one_thread()
@@ -68,7 +73,8 @@ def projector(
     from scenarios.calibration.rig_file import read_rig
 
     board = ArucoGrid(marker_mm=marker_mm, gap_mm=marker_mm / 5)
-    _show(calibrate_projector(folder, read_rig(camera), board, out), as_json)
+    known = read_rig(true_rig) if true_rig else None
+    _show(calibrate_projector(folder, read_rig(camera), board, out, known), as_json)
     _say(f"rig: {out}", f"page: {page_of(out, 'projector')}", as_json=as_json)
 
 
@@ -92,21 +98,47 @@ def imu(
     _say(f"rig: {out}", f"page: {page_of(out, 'imu')}", as_json=as_json)
 
 
-@calibrate.command("pipe")
-def in_pipe(
-    images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Pictures of the rings in one clean pipe.")],
-    rig: Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig to start from.")],
-    out: OutRig,
-    as_json: AsJson = False,
+@calibrate.command()
+def draw(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the pictures go.")],
+    board: Annotated[
+        Literal["checkerboard", "markers"], typer.Option("--board", help="For `camera`, or for `projector`.")
+    ],
+    rig: Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig that draws them.")] = "endoscope",
+    look: Annotated[str, typer.Option("--look", help="Its optics: plain, endoscope.")] = "plain",
+    poses: Annotated[int, typer.Option("--poses", min=1, max=99, help="How many.")] = 24,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the poses and the noise.")] = 0,
 ) -> None:
-    """Learn how the projector sits, and how jagged its slide is, from pictures of one clean pipe."""
+    """Draw the twin's pictures of a calibration board, and the rig that drew them: a closed loop."""
     _one_thread()
-    from scenarios.calibration.in_pipe import calibrate_pipe
+    from scenarios.calibration.draw import draw_boards
     from scenarios.calibration.rig_file import read_rig
 
-    figures = calibrate_pipe(images, read_rig(rig), out)
-    _show(figures, as_json)
-    _say(f"rig: {out}", f"page: {out.with_name(out.stem + '-pipe.html')}", as_json=as_json)
+    names = draw_boards(folder, board, read_rig(rig), look, poses, seed)
+    print(f"{len(names)} pictures and rig.yaml: {folder}")
+
+
+@calibrate.command("pipe")
+def in_pipe(
+    scan: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN_OR_IMAGES...", help="A run or recording; or pictures of one clean pipe."),
+    ],
+    rig: Annotated[str, typer.Option("--rig", metavar="RIG", help="The rig to start from, as the boards gave it.")],
+    out: OutRig,
+    radius_mm: Annotated[
+        float | None, typer.Option("--radius-mm", min=10, max=500, help="The pipe's inner radius, where it is known.")
+    ] = None,
+    true_rig: TrueRig = None,
+    as_json: AsJson = False,
+) -> None:
+    """Learn the projector's cones from a scan of clean pipe; from pictures its seat and slide, once mounted anew."""
+    _one_thread()
+    from scenarios.calibration.camera import page_of
+    from scenarios.calibration.clean_pipe import calibrate_pipe
+
+    _show(calibrate_pipe(scan, rig, out, radius_mm, true_rig), as_json)
+    _say(f"rig: {out}", f"page: {page_of(out, 'pipe')}", as_json=as_json)
 
 
 @calibrate.command()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -90,8 +90,8 @@ def calibrate_camera(
         far_off.append(int(used[worst]))
         used = np.delete(used, worst)
     _check_poses(bent.poses)
-    flat_out = _held_out(pixel[used], flat, board, bend=False)
-    bent_out = _held_out(pixel[used], bent, board, bend=True)
+    flat, flat_out = _judged(pixel[used], flat, board, bend=False)
+    bent, bent_out = _judged(pixel[used], bent, board, bend=True)
     better = bent_out < SHAPE_GAIN * flat_out
     fit, out = (bent, bent_out) if better else (flat, flat_out)
     return CameraCalibration(
@@ -227,16 +227,25 @@ def _normal_equations(
     return H, g, residual, cost
 
 
-def _held_out(pixel: Float[np.ndarray, "pictures corners 2"], fit: CameraFit, board: Checkerboard, bend: bool) -> float:
-    """RMS reprojection error of pictures that had no part in lens and shape; their poses alone are fitted."""
-    pictures = len(pixel)
-    residuals = []
-    for fold in range(min(FOLDS, pictures)):
-        out: Bool[np.ndarray, " pictures"] = np.arange(pictures) % FOLDS == fold
+def _judged(
+    pixel: Float[np.ndarray, "pictures corners 2"], fit: CameraFit, board: Checkerboard, bend: bool
+) -> tuple[CameraFit, float]:
+    """Fold by fold without some pictures: the RMS error of those, and standard deviations no smaller than folds differ.
+
+    Of pictures left out the poses alone are fitted. Where folds differ by more than the corners' scatter explains
+    (delete-a-group jackknife, the mean of all unknowns), the model lacks something, and the stated deviations grow.
+    """
+    residuals, lenses = [], []
+    folds = min(FOLDS, len(pixel))
+    for fold in range(folds):
+        out: Bool[np.ndarray, " pictures"] = np.arange(len(pixel)) % folds == fold
         part = fit_camera(pixel[~out], board.corners, fit.intrinsics, fit.poses[~out], bend)
+        lenses.append(part.intrinsics)
         for corners, pose in zip(pixel[out], fit.poses[out], strict=True):
             residuals.append(settled_pose(part.intrinsics, part.shape, corners, pose)[1])
-    return rms_px(np.array(residuals))
+    variance = (folds - 1) * np.var(lenses, axis=0)
+    wider = max(float(np.sqrt(np.mean(variance / fit.std**2))), 1.0)
+    return replace(fit, std=wider * fit.std), rms_px(np.array(residuals))
 
 
 def board_error_px(

@@ -90,9 +90,9 @@ def radial_mm(xyz_mm: Float[np.ndarray, "n 3"], alignment: Alignment) -> Float[n
     return np.hypot(x, y) - alignment.radius_mm
 
 
-def axis_of(view: PipeView) -> Float[np.ndarray, "4"]:
+def axis_of(alignment: Alignment) -> Float[np.ndarray, "4"]:
     """Where the pipe's axis crosses the camera's plane (mm) and how it slopes, camera frame."""
-    T_camera_pipe = inverse(view.alignment.T_pipe_camera)
+    T_camera_pipe = inverse(alignment.T_pipe_camera)
     direction = T_camera_pipe[:3, 2] / T_camera_pipe[2, 2]
     place = T_camera_pipe[:3, 3] - T_camera_pipe[2, 3] * direction
     return np.array([place[0], place[1], direction[0], direction[1]])
@@ -113,7 +113,7 @@ def bins_in_view(rig: Rig, alignment: Alignment, lines: int) -> Bool[np.ndarray,
     if not np.isfinite(alignment.radius_mm):
         return out
     for j, half in enumerate(projector.slit_half_angles_rad):
-        pixel = fisheye_project(_on_cylinder(rig, alignment, azimuth, float(half)), camera.intrinsics)
+        pixel = fisheye_project(on_cylinder(rig, alignment, azimuth, float(half)), camera.intrinsics)
         with np.errstate(invalid="ignore"):
             inside = ((pixel > EDGE_PX) & (pixel < np.array([camera.width_px, camera.height_px]) - EDGE_PX)).all(
                 axis=1
@@ -124,7 +124,7 @@ def bins_in_view(rig: Rig, alignment: Alignment, lines: int) -> Bool[np.ndarray,
     return out
 
 
-def _on_cylinder(rig: Rig, alignment: Alignment, azimuth: np.ndarray, half: float) -> Float[np.ndarray, "n 3"]:
+def on_cylinder(rig: Rig, alignment: Alignment, azimuth: np.ndarray, half: float) -> Float[np.ndarray, "n 3"]:
     """Where a slit's light meets the cylinder (camera frame); NaN where it does not."""
     T_pipe_projector = alignment.T_pipe_camera @ rig.projector.T_camera_projector
     light = np.stack(

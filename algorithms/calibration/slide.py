@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from algorithms.calibration.failure import CannotCalibrate
 from algorithms.calibration.pipe_view import WRONG_MM, PipeView, fit_cylinder, radial_mm
-from algorithms.calibration.projector import excess_table_rad
 from algorithms.robust import spread
 from algorithms.triangulate import triangulate
 from sensor_model.geometry import apply, projector_azimuth_rad
@@ -20,6 +19,8 @@ from sensor_model.rig import Rig
 PROBE_RAD = 1e-3
 OUTLIER_MM = 4.0
 LEAST_GAIN = 0.98  # a correction is kept that takes the left-out residual below this share
+JAG_CELLS = 360  # of the correction's table around the slide
+LEAST_JAG_COUNT, JAG_PRIOR_COUNT = 2, 0.5
 
 
 @dataclass(frozen=True)
@@ -63,15 +64,28 @@ def with_jag(rig: Rig, table_rad: Float[np.ndarray, "slits cells"]) -> Rig:
     return rig.model_copy(update={"projector": rig.projector.model_copy(update={"slits": slits})})
 
 
+def excess_table_rad(
+    excess_rad: Float[np.ndarray, "n"], slit: Int[np.ndarray, "n"], azimuth_rad: Float[np.ndarray, "n"], slits: int
+) -> Float[np.ndarray, "slits cells"]:
+    """Mean excess by slit and azimuth, drawn towards nothing where few points speak."""
+    cell = (azimuth_rad / (2 * np.pi) * JAG_CELLS).astype(np.int64) % JAG_CELLS
+    place = slit * JAG_CELLS + cell
+    count = np.bincount(place, minlength=slits * JAG_CELLS)
+    total = np.bincount(place, weights=excess_rad, minlength=slits * JAG_CELLS)
+    mean = np.where(count >= LEAST_JAG_COUNT, total / (count + JAG_PRIOR_COUNT), 0.0)
+    return mean.reshape(slits, JAG_CELLS)
+
+
 def corrected_residual_mm(view: PipeView, rig: Rig) -> float:
     """Robust residual of a picture's points, triangulated again with a rig, about the cylinder refitted to them."""
-    points = triangulate(_pixels(view), rig)
+    points = triangulate(pixels_of(view), rig)
     alignment = fit_cylinder(points)
     residual = radial_mm(points.xyz_mm, alignment if alignment.converged else view.alignment)
     return spread(residual[np.abs(residual) < WRONG_MM])
 
 
-def _pixels(view: PipeView) -> SlitPixels:
+def pixels_of(view: PipeView) -> SlitPixels:
+    """A picture's slit pixels."""
     return SlitPixels(view.points.pixel, view.points.ring, np.full(view.points.ring.size, 0.2))
 
 
@@ -85,7 +99,7 @@ def _excess_rad(view: PipeView, rig: Rig) -> tuple[Float[np.ndarray, "n"], Bool[
 
 def _radial_at(rig: Rig, view: PipeView, more_rad: float) -> Float[np.ndarray, "n"]:
     """Distance from the pipe's axis of the points, were each slit's half angle larger by so much."""
-    moved = triangulate(_pixels(view), with_jag(rig, np.full((len(rig.projector.slits), 1), more_rad)))
+    moved = triangulate(pixels_of(view), with_jag(rig, np.full((len(rig.projector.slits), 1), more_rad)))
     x, y, _ = apply(view.alignment.T_pipe_camera, moved.xyz_mm).T
     return np.hypot(x, y)
 

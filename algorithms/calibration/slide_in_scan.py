@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from algorithms.calibration.failure import CannotCalibrate
 from algorithms.calibration.pipe_view import WRONG_MM, fit_cylinder, radial_mm
-from algorithms.calibration.projector import JAG_CELLS
-from algorithms.calibration.slide import LEAST_GAIN, OUTLIER_MM, with_jag
+from algorithms.calibration.slide import JAG_CELLS, LEAST_GAIN, OUTLIER_MM, with_jag
 from algorithms.robust import MAD_TO_SIGMA, spread
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, RingPoints

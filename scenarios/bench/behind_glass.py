@@ -8,9 +8,20 @@ from scipy.optimize import least_squares
 from scipy.sparse import lil_matrix
 from scipy.spatial.transform import Rotation
 
-from algorithms.calibration.cones import fit_cones
-from scenarios.bench.calibrated import BoardSession, Calibrated, Plane, as_drawn, draw_board, on_plane, see_board
-from sensor_model.geometry import cone_frame, fisheye_project, fisheye_rays
+from algorithms.calibration.cone_fit import Sight
+from algorithms.calibration.surfaces import FlatBoard
+from scenarios.bench.calibrated import (
+    LEAST_PLACE_STD,
+    BoardSession,
+    Calibrated,
+    Plane,
+    draw_board,
+    fitted,
+    pose_of,
+    ray_noise,
+    see_board,
+)
+from sensor_model.geometry import fisheye_project, fisheye_rays
 from sensor_model.glass import ORIGIN, Glass, aimed_at, tube_of
 from sensor_model.rig import Camera, Rig
 from sensor_model.streams import stream
@@ -33,27 +44,18 @@ def calibrate_behind_glass(true_rig: Rig, glass: Glass, seed: int, session: Boar
     grid = _grid()
     seen = [_corners(true_rig.camera, board, grid, glass, rng) for board in boards]
     camera, poses = _fit_camera(true_rig.camera, boards, grid, seen)
-    by_slit: list[list[np.ndarray]] = [[] for _ in true_rig.projector.slits]
+    held, sights = np.diag(np.full(POSE, LEAST_PLACE_STD**-2)), []  # freed, they would take up what the glass bends
     for board, pose in zip(boards, poses, strict=True):
         pixel, slit = see_board(true_rig, board, session.points, rng, glass)
-        normal = Rotation.from_rotvec(pose[:3]).as_matrix()[:, 2]
-        xyz = on_plane(fisheye_rays(pixel, camera.intrinsics), Plane(normal, float(normal @ pose[3:])))
-        for number, points in enumerate(by_slit):
-            points.append(xyz[slit == number])
-    fit = fit_cones([np.concatenate(points) for points in by_slit], as_drawn(true_rig), session.own_apex)
-    return Calibrated(true_rig.model_copy(update={"camera": camera, "projector": fit.projector}), fit)
+        rays = fisheye_rays(pixel, camera.intrinsics)
+        sights.append(Sight(rays, slit, FlatBoard(pose, held), ray_noise(rays, session, camera)))
+    return fitted(true_rig.model_copy(update={"camera": camera}), sights, session)
 
 
 def _grid() -> Float[np.ndarray, "corners 3"]:
     steps = np.arange(-CORNER_REACH_MM, CORNER_REACH_MM + 1, CORNER_STEP_MM)
     x, y = (a.ravel() for a in np.meshgrid(steps, steps))
     return np.stack([x, y, np.zeros_like(x)], axis=1)
-
-
-def _true_pose(board: Plane) -> Float[np.ndarray, "6"]:
-    """Rotation vector and origin of the board's frame, whose z is its normal."""
-    ahead = np.array([0.0, 0.0, board.distance_mm / board.normal[2]])
-    return np.concatenate([Rotation.from_matrix(cone_frame(board.normal)).as_rotvec(), ahead])
 
 
 def _placed(pose: np.ndarray, grid: np.ndarray) -> Float[np.ndarray, "corners 3"]:
@@ -64,7 +66,7 @@ def _corners(
     camera: Camera, board: Plane, grid: np.ndarray, glass: Glass, rng: np.random.Generator
 ) -> Float[np.ndarray, "corners 2"]:
     """Pixels of a board's corners as seen through the glass; NaN for those that are not."""
-    xyz = _placed(_true_pose(board), grid)
+    xyz = _placed(pose_of(board), grid)
     ahead = xyz[:, 2] > 5.0
     seen = aimed_at(tube_of(glass), ORIGIN, xyz) if glass.thickness_mm > 0 else xyz
     pixel = fisheye_project(seen, camera.intrinsics) + CORNER_NOISE_PX * rng.standard_normal((len(grid), 2))
@@ -78,7 +80,7 @@ def _fit_camera(
 ) -> tuple[Camera, Float[np.ndarray, "boards 6"]]:
     """Lens and boards' poses that put the corners where they are seen."""
     known = [np.isfinite(pixel[:, 0]) for pixel in seen]
-    first = np.concatenate([start.intrinsics, *(_true_pose(board) for board in boards)])
+    first = np.concatenate([start.intrinsics, *(pose_of(board) for board in boards)])
 
     def misfit(x: np.ndarray) -> np.ndarray:
         poses = x[len(LENS) :].reshape(-1, POSE)

@@ -7,12 +7,15 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
-from algorithms.calibration.cones import ConeFit, fit_cones
-from sensor_model.geometry import fisheye_project, fisheye_rays
+from algorithms.calibration.cone_fit import ConeFit, Sight, fit_cones
+from algorithms.calibration.cones import cones_of, with_cones
+from algorithms.calibration.surfaces import FlatBoard
+from sensor_model.geometry import cone_frame, fisheye_project, fisheye_rays
 from sensor_model.glass import ORIGIN, Glass, aimed_at, beyond, tube_of
 from sensor_model.points import PointNoise, fan
-from sensor_model.rig import Rig
+from sensor_model.rig import Camera, Rig
 from sensor_model.settings import Settings
 from sensor_model.streams import stream
 
@@ -20,6 +23,7 @@ DESIGN_APEX_OFF_MM = (0.5, -0.5, 1.0)
 DESIGN_AXIS_OFF = (0.005, -0.005, 0.0)
 DESIGN_ANGLE_OFF_DEG = 0.2
 NEAREST_MM = 5.0
+LEAST_PLACE_STD = 1e-6  # mm and rad: a place without error has no infinite information
 
 
 class BoardSession(Settings):
@@ -53,20 +57,48 @@ class Calibrated(NamedTuple):
 def calibrate(true_rig: Rig, seed: int, session: BoardSession | None = None, glass: Glass | None = None) -> Calibrated:
     """See the slits on every board, through the glass tube if there is one, and fit the projector's cones.
 
-    The camera is taken as known, the boards' places too, but for the session's errors.
+    The camera is taken as known, the boards' places as well as the session knows them.
 
     The fit starts from a projector that is wrong by as much as a drawing is.
     """
     session, rng = session or BoardSession(), stream(seed, "boards")
-    by_slit: list[list[np.ndarray]] = [[] for _ in true_rig.projector.slits]
+    held, sights = known_place(session), []
     for _ in range(session.boards):
         board = draw_board(session, rng)
         pixel, slit = see_board(true_rig, board, session.points, rng, glass or Glass())
-        xyz = on_plane(fisheye_rays(pixel, true_rig.camera.intrinsics), believed(board, session, rng))
-        for number, points in enumerate(by_slit):
-            points.append(xyz[slit == number])
-    fit = fit_cones([np.concatenate(points) for points in by_slit], as_drawn(true_rig), session.own_apex)
-    return Calibrated(true_rig.model_copy(update={"projector": fit.projector}), fit)
+        rays = fisheye_rays(pixel, true_rig.camera.intrinsics)
+        sights.append(
+            Sight(
+                rays,
+                slit,
+                FlatBoard(pose_of(believed(board, session, rng)), held),
+                ray_noise(rays, session, true_rig.camera),
+            )
+        )
+    return fitted(true_rig, sights, session)
+
+
+def fitted(rig: Rig, sights: list[Sight], session: BoardSession) -> Calibrated:
+    """The rig with the cones that the boards give."""
+    fit = fit_cones(sights, cones_of(as_drawn(rig).projector), own_apex=session.own_apex)
+    return Calibrated(rig.model_copy(update={"projector": with_cones(rig.projector, fit.cones, session.own_apex)}), fit)
+
+
+def ray_noise(rays: Float[np.ndarray, "n 3"], session: BoardSession, camera: Camera) -> Float[np.ndarray, "n"]:
+    """Standard deviation of the rays' angles."""
+    return np.full(len(rays), session.points.pixel_noise_px / camera.fx_px)
+
+
+def known_place(session: BoardSession) -> Float[np.ndarray, "6 6"]:
+    """Information on a board's pose that the session's errors leave."""
+    std = [np.radians(session.board_tilt_std_deg)] * 3 + [session.board_distance_std_mm] * 3
+    return np.diag(np.maximum(std, LEAST_PLACE_STD) ** -2.0)
+
+
+def pose_of(board: Plane) -> Float[np.ndarray, "6"]:
+    """Rotation vector and origin of the board's frame, whose z is its normal."""
+    ahead = np.array([0.0, 0.0, board.distance_mm / board.normal[2]])
+    return np.concatenate([Rotation.from_matrix(cone_frame(board.normal)).as_rotvec(), ahead])
 
 
 def as_drawn(rig: Rig) -> Rig:

@@ -1,4 +1,4 @@
-"""`pipetwin decode` and `pipetwin calibrate pipe`: single pictures of a pipe, measured and learned from."""
+"""`pipetwin decode`: one picture of a pipe, measured by itself."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from algorithms.calibration.failure import CannotCalibrate
 from algorithms.calibration.pipe_view import INNER_SLITS, PipeView, axis_of, robust_residual_mm, view_pipe
-from algorithms.calibration.seat import fit_seat
-from algorithms.calibration.slide import SlideCalibration, corrected_residual_mm, learn_slide, with_jag
+from algorithms.calibration.slide import corrected_residual_mm, with_jag
 from algorithms.decode import DecodeSettings
 from scenarios.calibration.look import look_of, twin_of
-from scenarios.calibration.pictures import listed, read_picture
-from scenarios.calibration.rig_file import write_rig
+from scenarios.calibration.pictures import read_picture
 from scenarios.document import BadInput
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import SERIES, Picture, drawing, photograph, to_picture
@@ -53,7 +50,7 @@ def decode_picture(image: Path, rig: Rig, out: Path, twin_look: str | None = Non
         raise BadInput([f"{out}: cannot be made: {error.strerror}; choose another folder with -o"]) from error
     more = [_beside_twin(picture, view, plain_rig, optics, figures)] if optics else []
     overlay = _overlay(picture, view)
-    _write_png(overlay, out / "overlay.png")
+    write_png(overlay, out / "overlay.png")
     with whole_file(out / "cloud.ply") as work:
         _write_cloud(view, work)
     with whole_file(out / "decode.html") as work:
@@ -103,7 +100,7 @@ def seen_in(image: Path, picture: UInt8[np.ndarray, "height width 3"], rig: Rig)
 
 
 def _figures(view: PipeView, rig: Rig, corrected_mm: float | None, read_ms: float) -> dict[str, Any]:
-    place = axis_of(view)
+    place = axis_of(view.alignment)
     slits = rig.projector.slits
     return {
         "coverage_inner": view.coverage(slice(0, INNER_SLITS)),
@@ -143,7 +140,8 @@ def _overlay(picture: UInt8[np.ndarray, "height width 3"], view: PipeView) -> UI
     return out
 
 
-def _write_png(picture: UInt8[np.ndarray, "height width 3"], file: Path) -> None:
+def write_png(picture: UInt8[np.ndarray, "height width 3"], file: Path) -> None:
+    """Write a picture whole or not at all."""
     from PIL import Image
 
     with whole_file(file) as work:
@@ -229,65 +227,6 @@ def _residual_figure(view: PipeView, rig: Rig) -> Picture:
         axes.set_ylabel("outside the cylinder (mm)")
         axes.legend(ncols=8, markerscale=6)
         return to_picture(figure, "Residuals over azimuth, a colour a slit.", "Radial residuals over azimuth.")
-
-
-def calibrate_pipe(images: list[Path], rig: Rig, out: Path) -> dict[str, Any]:
-    """Learn the projector's seat and the slide's jaggedness from pictures of one clean pipe; write rig and page.
-
-    Raises:
-        BadInput: where the pictures do not do.
-    """
-    files = listed(images)
-    pictures = [read_for(file, rig) for file in files]
-    plain = with_jag(rig, np.zeros((len(rig.projector.slits), 0)))
-    before = [seen_in(file, picture, plain) for file, picture in zip(files, pictures, strict=True)]
-    try:
-        seated = fit_seat(before, plain)
-        after = [seen_in(file, picture, seated) for file, picture in zip(files, pictures, strict=True)]
-        slide = learn_slide(after, seated)
-    except CannotCalibrate as error:
-        raise BadInput([f"{files[0]}: {error}"]) from error
-    write_rig(with_jag(seated, slide.table_rad) if slide.helps else seated, out)
-    figures = _pipe_figures(files, before, after, slide, seated)
-    with whole_file(out.with_name(f"{out.stem}-pipe.html")) as work:
-        work.write_text(_pipe_page(figures, slide, seated), encoding="utf-8")
-    return figures
-
-
-def _pipe_figures(
-    files: list[Path], before: list[PipeView], after: list[PipeView], slide: SlideCalibration, rig: Rig
-) -> dict[str, Any]:
-    return {
-        "axis": list(rig.projector.axis),
-        "apex_mm": list(rig.projector.apex_mm),
-        "half_angle_deg": {slit.name: slit.half_angle_deg for slit in rig.projector.slits},
-        "correction_kept": slide.helps,
-        "pictures": {
-            str(file): {
-                "diameter_before_mm": 2 * one.alignment.radius_mm,
-                "diameter_mm": 2 * two.alignment.radius_mm,
-                "residual_mm": float(plain),
-                "residual_corrected_mm": float(corrected),
-            }
-            for file, one, two, plain, corrected in zip(
-                files, before, after, slide.plain_mm, slide.corrected_mm, strict=True
-            )
-        },
-    }
-
-
-def _pipe_page(figures: dict[str, Any], slide: SlideCalibration, rig: Rig) -> str:
-    rows = [("picture", "diameter before (mm)", "diameter (mm)", "residual (mm)", "corrected by the others (mm)")]
-    for name, row in figures["pictures"].items():
-        rows.append((name, *(f"{value:.2f}" for value in row.values())))
-    gain = 100 * (1 - float(np.mean(slide.corrected_mm) / np.mean(slide.plain_mm)))
-    verdict = f"The correction learned from the other pictures takes {gain:.0f} % off the residual of the one left out"
-    verdict += "; it is kept." if slide.helps else "; it is not kept."
-    sections = [
-        Section("Pictures", ["Each is judged by what the others taught; the seat is of all."], rows),
-        Section("The slide's jaggedness", [], (), [jag_figure(slide.table_rad, rig)]),
-    ]
-    return calibration_page("Calibration in the pipe", "", verdict, slide.helps, sections)
 
 
 def jag_figure(table_rad: np.ndarray, rig: Rig) -> Picture:

@@ -7,35 +7,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from algorithms.calibration.board_pose import first_pose, rms_px, settled_pose
 from algorithms.calibration.boards import ArucoGrid, marker_corners
+from algorithms.calibration.cones import with_cones
 from algorithms.calibration.failure import CannotCalibrate
-from algorithms.calibration.projector import (
-    ProjectorCalibration,
-    SeenBoards,
-    azimuths_rad,
-    calibrate_projector,
-    distances_mm,
-    on_board,
-)
+from algorithms.calibration.poses_needed import off_from, pose_curve
+from algorithms.calibration.projector import NORMAL_95, ProjectorCalibration, SeenBoards, calibrate_projector
 from algorithms.calibration.slide import with_jag
+from algorithms.calibration.surfaces import plane_of
 from algorithms.decode import DecodeSettings, decode
 from scenarios.calibration.camera import page_of
+from scenarios.calibration.covariance_file import write_covariance
 from scenarios.calibration.in_pipe import read_for
 from scenarios.calibration.pictures import ENDINGS, MOST_PICTURES, gray
+from scenarios.calibration.pose_curve import curve_figures, curve_section
 from scenarios.calibration.rig_file import write_rig
 from scenarios.document import BadInput
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import SERIES, Picture, drawing, to_picture
 from scenarios.run_folder import whole_file
-from sensor_model.geometry import transform
+from sensor_model.geometry import fisheye_rays, projector_azimuth_rad
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 
 LEAST_MARKERS, LEAST_PAIRS, LEAST_POINTS = 4, 3, 100
 MARGIN_MM = 8.0  # around the printed grid, where no slit is read
 WHITE, RINGS = "Cam", "Proj"
+SUBSET_SEED = 0
 
 
 class Pair(NamedTuple):
@@ -49,8 +49,10 @@ class Pair(NamedTuple):
     markers: int
 
 
-def calibrate(folder: Path, camera_rig: Rig, board: ArucoGrid, out: Path) -> dict[str, Any]:
-    """Calibrate, write rig and page, and give the figures.
+def calibrate(
+    folder: Path, camera_rig: Rig, board: ArucoGrid, out: Path, true_rig: Rig | None = None
+) -> dict[str, Any]:
+    """Calibrate, write rig, covariance and page, and give the figures; with the true rig the errors too.
 
     Raises:
         BadInput: where the pictures do not do.
@@ -67,34 +69,31 @@ def calibrate(folder: Path, camera_rig: Rig, board: ArucoGrid, out: Path) -> dic
         short = f"{len(pairs)} of {len(names)} pairs can be used; at least {LEAST_PAIRS} are needed"
         raise BadInput([f"{folder}: {short}", *told])
     slits = camera_rig.projector.slits
+    together = _together(pairs)
     try:
-        found = calibrate_projector(_together(pairs), camera_rig.camera.intrinsics, len(slits))
+        found = calibrate_projector(together, camera_rig.camera.intrinsics, len(slits))
     except CannotCalibrate as error:
         raise BadInput([f"{folder}: {error}", *told]) from error
     lost = [slit.name for slit, angle in zip(slits, found.fit.cones.half_angle_rad, strict=True) if not angle > 0]
     if lost:
         raise BadInput([f"{folder}: no picture shows the slits {', '.join(lost)}", *told])
-    write_rig(rig_of(found, camera_rig), out)
+    rig = rig_of(found, camera_rig)
+    write_rig(rig, out)
+    write_covariance(rig.projector, found.covariance, out)
+    sights = together.sights(camera_rig.camera.intrinsics)
+    curve = pose_curve(sights, found.fit, camera_rig, true_rig, np.random.default_rng(SUBSET_SEED))
     figures = _figures(found, pairs, rejected, camera_rig)
+    figures["poses"] = curve_figures(curve, true_rig is not None)
+    if true_rig is not None:
+        figures["off_true_rig"] = off_from(rig, true_rig)._asdict()
     with whole_file(page_of(out, "projector")) as work:
-        work.write_text(_page(found, figures, camera_rig), encoding="utf-8")
+        work.write_text(_page(found, figures, camera_rig, curve_section(curve, true_rig is not None)), encoding="utf-8")
     return figures
 
 
 def rig_of(found: ProjectorCalibration, base: Rig) -> Rig:
     """The rig with the calibrated projector."""
-    cones = found.fit.cones
-    slits = tuple(
-        slit.model_copy(update={"half_angle_deg": float(np.degrees(angle)), "jag_deg": ()})
-        for slit, angle in zip(base.projector.slits, cones.half_angle_rad, strict=True)
-    )
-    update: dict[str, Any] = {"apex_mm": tuple(cones.apex_mm[0].tolist()), "axis": tuple(cones.axis[0].tolist())}
-    update["slits"] = slits
-    first, last = (np.degrees(cones.half_angle_rad[k]) for k in (0, -1))
-    shift = first - base.projector.slits[0].half_angle_deg, last - base.projector.slits[-1].half_angle_deg
-    update["inner_half_angle_deg"] = float(base.projector.inner_half_angle_deg + shift[0])
-    update["outer_half_angle_deg"] = float(base.projector.outer_half_angle_deg + shift[1])
-    rig = base.model_copy(update={"projector": base.projector.model_copy(update=update)})
+    rig = base.model_copy(update={"projector": with_cones(base.projector, found.fit.cones)})
     return with_jag(rig, found.table_rad) if found.correction_helps else rig
 
 
@@ -143,21 +142,20 @@ def _pair(white: Path, rig: Rig, board: ArucoGrid) -> Pair:
 
 
 def _off_the_print(seen: SlitPixels, intrinsics: np.ndarray, pose: np.ndarray, board: ArucoGrid) -> np.ndarray:
-    import cv2
-
-    T_camera_board = transform(cv2.Rodrigues(pose[:3])[0], pose[3:])
-    xyz = on_board(seen.pixel, intrinsics, T_camera_board)
-    x, y, _ = ((xyz - pose[3:]) @ T_camera_board[:3, :3]).T
+    rays, plane = fisheye_rays(seen.pixel, intrinsics), plane_of(pose)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        range_mm = plane[3] / (rays @ plane[:3])
+    x, y, _ = ((range_mm[:, None] * rays - pose[3:]) @ Rotation.from_rotvec(pose[:3]).as_matrix()).T
     pitch = board.marker_mm + board.gap_mm
-    with np.errstate(invalid="ignore"):
-        across = (x > -MARGIN_MM) & (x < board.columns * pitch - board.gap_mm + MARGIN_MM)
-        along = (y > -MARGIN_MM) & (y < board.rows * pitch - board.gap_mm + MARGIN_MM)
-    return np.isfinite(xyz).all(axis=1) & ~(across & along)
+    across = (x > -MARGIN_MM) & (x < board.columns * pitch - board.gap_mm + MARGIN_MM)
+    along = (y > -MARGIN_MM) & (y < board.rows * pitch - board.gap_mm + MARGIN_MM)
+    return np.isfinite(range_mm) & (range_mm > 0) & ~(across & along)
 
 
 def _together(pairs: list[Pair]) -> SeenBoards:
     return SeenBoards(
         np.concatenate([pair.seen.pixel for pair in pairs]),
+        np.concatenate([pair.seen.sigma_px for pair in pairs]),
         np.concatenate([pair.seen.slit for pair in pairs]),
         np.concatenate([np.full(pair.seen.slit.size, i) for i, pair in enumerate(pairs)]),
         np.array([pair.pose for pair in pairs]),
@@ -167,23 +165,26 @@ def _together(pairs: list[Pair]) -> SeenBoards:
 
 
 def _figures(found: ProjectorCalibration, pairs: list[Pair], rejected: dict[str, str], rig: Rig) -> dict[str, Any]:
-    cones, points = found.fit.cones, found.fit.points
+    fit, cones, std = found.fit, found.fit.cones, np.sqrt(np.diag(found.covariance))
     return {
         "slits": [
             {
                 "name": slit.name,
                 "half_angle_deg": float(np.degrees(cones.half_angle_rad[j])),
-                "interval_95_deg": float(np.degrees(1.96 * cones.std[5 + j])),
-                "residual_rms_mm": found.residual_rms_mm(j),
-                "points": int(((points.slit == j) & cones.inliers).sum()),
-                "own_cone_half_angle_deg": float(np.degrees(found.own.half_angle_rad[j])),
-                "halves_deg": [float(np.degrees(half.half_angle_rad[j])) for half in found.halves],
+                "interval_95_deg": float(np.degrees(NORMAL_95 * found.half_angle_std_rad[j])),
+                "residual_rms_mm": fit.rms_mm(j),
+                "points": int(((fit.slit == j) & fit.inliers).sum()),
+                "own_cone_half_angle_deg": _or_none(np.degrees(found.own_half_angle_rad[j])),
+                "halves_deg": [_or_none(np.degrees(half.half_angle_rad[j])) for half in found.halves],
             }
             for j, slit in enumerate(rig.projector.slits)
         ],
         "apex_mm": cones.apex_mm[0].tolist(),
-        "axis": cones.axis[0].tolist(),
-        "inlier_share": float(cones.inliers.mean()),
+        "apex_interval_95_mm": (NORMAL_95 * std[:3]).tolist(),
+        "axis": cones.axis.tolist(),
+        "axis_interval_95_deg": np.degrees(NORMAL_95 * std[3:5]).tolist(),
+        "inlier_share": float(fit.inliers.mean()),
+        "points_alike": fit.alike,
         "left_out_residual_mm": float(np.mean(found.plain_mm)),
         "left_out_residual_corrected_mm": float(np.mean(found.corrected_mm)),
         "correction_kept": found.correction_helps,
@@ -194,13 +195,17 @@ def _figures(found: ProjectorCalibration, pairs: list[Pair], rejected: dict[str,
     }
 
 
-def _page(found: ProjectorCalibration, figures: dict[str, Any], rig: Rig) -> str:
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _page(found: ProjectorCalibration, figures: dict[str, Any], rig: Rig, poses: Section) -> str:
     rows = [("slit", "half angle (deg)", "± (95 %)", "residual RMS (mm)", "points", "own cone (deg)", "halves (deg)")]
     for row in figures["slits"]:
-        halves = ", ".join(f"{angle:.2f}" for angle in row["halves_deg"])
+        halves = ", ".join(_angle(angle, 2) for angle in row["halves_deg"])
         rows.append((row["name"], f"{row['half_angle_deg']:.3f}", f"{row['interval_95_deg']:.3f}",
-                     f"{row['residual_rms_mm']:.3f}", str(row["points"]), f"{row['own_cone_half_angle_deg']:.3f}",
-                     halves))  # fmt: skip
+                     f"{row['residual_rms_mm']:.3f}", str(row["points"]),
+                     _angle(row["own_cone_half_angle_deg"], 3), halves))  # fmt: skip
     apex, axis = figures["apex_mm"], figures["axis"]
     place = (
         f"Apex at ({apex[0]:.2f}, {apex[1]:.2f}, {apex[2]:.2f}) mm, axis ({axis[0]:.4f}, {axis[1]:.4f}, {axis[2]:.4f})."
@@ -213,6 +218,7 @@ def _page(found: ProjectorCalibration, figures: dict[str, Any], rig: Rig) -> str
     sections = [
         Section("Cones", [place], rows),
         Section("Distances from the cones", [gain], (), [_residual_figure(found, rig)]),
+        poses,
         Section("Boards", rejected, boards),
     ]
     verdict = f"{len(rows) - 1} slits from {figures['pairs_used']} boards. " + (
@@ -221,16 +227,20 @@ def _page(found: ProjectorCalibration, figures: dict[str, Any], rig: Rig) -> str
     return calibration_page("Projector calibration", "", verdict, not figures["weak"], sections)
 
 
+def _angle(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
 def _residual_figure(found: ProjectorCalibration, rig: Rig) -> Picture:
-    cones, points = found.fit.cones, found.fit.points
-    off, azimuth = distances_mm(points, cones), np.degrees(azimuths_rad(points.xyz_mm, cones))
+    fit = found.fit
+    azimuth = np.degrees(projector_azimuth_rad(fit.xyz_mm, fit.cones.T_camera_projector))
     with drawing(10.0) as figure:
         for j, (axes, slit) in enumerate(
             zip(figure.subplots(len(rig.projector.slits), 1, sharex=True), rig.projector.slits, strict=True)
         ):
-            for board in range(len(found.fit.poses)):
-                mine = (points.slit == j) & (points.board == board) & cones.inliers
-                axes.plot(azimuth[mine], off[mine], ".", ms=1.2, color=SERIES[board % 6])
+            for board in range(len(fit.own)):
+                mine = (fit.slit == j) & (fit.picture == board) & fit.inliers
+                axes.plot(azimuth[mine], fit.distance_mm[mine], ".", ms=1.2, color=SERIES[board % 6])
             axes.set_ylabel(f"{slit.name} (mm)")
         axes.set_xlabel("azimuth about the projector's axis (degrees)")
         return to_picture(

@@ -71,7 +71,7 @@ def view_quantities(views: list[PipeView], rig: Rig) -> dict[str, Quantity]:
     if not views:
         return {"diameter_mm": Unknown("no picture shows a pipe")}
     source = "cylinder of each picture by itself"
-    places = np.array([axis_of(view) for view in views])
+    places = np.array([axis_of(view.alignment) for view in views])
     columns = {
         "diameter_mm": np.array([2 * view.alignment.radius_mm for view in views]),
         "offset_x_mm": -places[:, 0],

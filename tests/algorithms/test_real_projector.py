@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from algorithms.calibration.boards import ArucoGrid
+from algorithms.calibration.clean_pipe import fit_pipe, seat_prior
 from algorithms.calibration.pipe_view import robust_residual_mm, view_pipe
-from algorithms.calibration.seat import fit_seat
-from algorithms.calibration.slide import learn_slide, with_jag
+from algorithms.calibration.slide import learn_slide, pixels_of, with_jag
 from algorithms.decode import DecodeSettings, decode
 from scenarios.calibration import projector
 from scenarios.calibration.look import look_of, twin_of
@@ -64,7 +64,7 @@ def seated(calibrated, frames):
     """The rig in the pipe, and what the frames show by it; before that, what they show by the boards' rig."""
     rig = with_jag(calibrated[1], np.zeros((8, 0)))
     before = [view_pipe(frame, rig, DecodeSettings()) for frame in frames]
-    rig = fit_seat(before, rig)
+    rig, _ = fit_pipe([pixels_of(view) for view in before], rig, seat_prior(8), None)
     return rig, [view_pipe(frame, rig, DecodeSettings()) for frame in frames], before
 
 

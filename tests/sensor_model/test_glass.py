@@ -126,7 +126,7 @@ def radius_of(rig) -> float:
 
 
 def test_calibrating_through_the_glass_removes_its_bias() -> None:
-    session = BoardSession(boards=8, own_apex=True, points=PointNoise(azimuths=90))
+    session = BoardSession(boards=25, own_apex=True, points=PointNoise(azimuths=90))
     rig = calibrate_behind_glass(preset_rig(), LEANING, 0, session).rig
     assert all(slit.apex_mm for slit in rig.projector.slits)
     assert abs(radius_of(preset_rig()) - 76.2) > 1.0
