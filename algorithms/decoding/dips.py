@@ -22,7 +22,7 @@ SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
 
 
 class Dips(NamedTuple):
-    """Dark places, so many on every line: radius, width, standard deviation, colours inside, outside and of the place.
+    """Dark places, so many on every line, by radius: width, standard deviation, colours inside, of the place, outside.
 
     `start_rgb` is the colour in which each line begins, and the radius of that.
     """
@@ -31,9 +31,7 @@ class Dips(NamedTuple):
     radius_px: Float[np.ndarray, "lines most"]
     width_px: Float[np.ndarray, "lines most"]
     sigma_px: Float[np.ndarray, "lines most"]
-    inside_rgb: Float[np.ndarray, "lines most 3"]
-    outside_rgb: Float[np.ndarray, "lines most 3"]
-    floor_rgb: Float[np.ndarray, "lines most 3"]
+    rgb: Float[np.ndarray, "lines most 3 3"]
     start_rgb: Float[np.ndarray, "lines 4"]
 
 
@@ -72,9 +70,7 @@ def _find_dips(lines, light, smoothing, first_px, limits):
     radius = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
     widths = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
     sigma = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
-    inside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
-    outside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
-    floor = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
+    rgb = np.zeros((n_lines, MAX_SLITS_A_LINE, 3, 3))
     start = np.zeros((n_lines, 4))
     smooth = np.empty(n, dtype=np.float32)
     flat = np.empty(n, dtype=np.float32)
@@ -116,11 +112,11 @@ def _find_dips(lines, light, smoothing, first_px, limits):
             radius[k, m] = first_px + 0.5 * (x_left + x_right)
             widths[k, m] = width
             sigma[k, m] = 0.25 * noise / level * np.sqrt(1.0 / slope_left**2 + 1.0 / slope_right**2)
-            _band_color(lines, smooth, k, i, int(np.ceil(x_left)), -1, end, deep, inside[k, m])
-            _band_color(lines, smooth, k, i, int(np.floor(x_right)), 1, end, deep, outside[k, m])
-            _mean_color(lines, k, i - 1, 3, floor[k, m])
+            _band_color(lines, smooth, k, i, int(np.ceil(x_left)), -1, end, deep, rgb[k, m, 0])
+            _band_color(lines, smooth, k, i, int(np.floor(x_right)), 1, end, deep, rgb[k, m, 2])
+            _mean_color(lines, k, i - 1, 3, rgb[k, m, 1])
             count[k] += 1
-    return count, radius, widths, sigma, inside, outside, floor, start
+    return count, radius, widths, sigma, rgb, start
 
 
 @njit(cache=True)

@@ -84,10 +84,7 @@ def usual(slit: Int[np.ndarray, "lines most"], dips: Dips, settings: DecodeSetti
 
 def _depth(dips: Dips, line: Int[np.ndarray, "n"], place: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     """How much darker each dip is than the darker of the bands beside it, as a share of that."""
-    floor, inside, outside = (
-        rgb[line, place, 0] + rgb[line, place, 1] + rgb[line, place, 2]
-        for rgb in (dips.floor_rgb, dips.inside_rgb, dips.outside_rgb)
-    )
+    inside, floor, outside = (dips.rgb[line, place, part].sum(axis=1) for part in range(3))
     return 1.0 - floor / np.maximum(np.minimum(inside, outside), 1.0)
 
 
