@@ -62,7 +62,7 @@ def find_dips(lines: Lines, first_px: int, settings: DecodeSettings) -> Dips:
     return Dips(*_find_dips(lines.rgb, lines.light, SMOOTHING.astype(np.float32), first_px, limits))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _find_dips(lines, light, smoothing, first_px, limits):
     least_reach, widest_reach, min_contrast, min_depth, noise, min_width, max_width = limits
     n_lines, n = light.shape
@@ -75,6 +75,7 @@ def _find_dips(lines, light, smoothing, first_px, limits):
     smooth = np.empty(n, dtype=np.float32)
     flat = np.empty(n, dtype=np.float32)
     sums = np.empty(n + 1)
+    places = np.empty(n, dtype=np.int64)
     for k in range(n_lines):
         end = n
         while end > 0 and np.isnan(light[k, end - 1]):
@@ -86,11 +87,13 @@ def _find_dips(lines, light, smoothing, first_px, limits):
         _flatten(smooth, 2, end - 2, sums, flat)
         _mean_color(lines, k, 0, COLOR_SPAN_PX, start[k, :3])
         start[k, 3] = first_px + 0.5 * COLOR_SPAN_PX
-        for i in range(2 + least_reach, end - 2 - least_reach):
+        lowest = _lowest_places(flat, 2, end - 2, min_contrast, places)
+        for n_place in range(lowest):
+            i = places[n_place]
+            if i < 2 + least_reach or i >= end - 2 - least_reach:
+                continue
             if count[k] == MAX_SLITS_A_LINE:
                 break
-            if flat[i] > flat[i - 1] or flat[i] >= flat[i + 1]:
-                continue
             level = max((sums[min(i + 9, end - 2)] - sums[max(i - 8, 2)]) / 17, 1.0)
             least = max(min_depth / level, min_contrast)
             x_left, slope_left, x_right, slope_right = _edges(flat, i, least, 0.0, least_reach, widest_reach, end)
@@ -125,13 +128,16 @@ def _flatten(smooth, first, last, sums, flat):
 
     Far from the projector the light of haze and wall climbs so steeply that a weak slit is a bend, not a dip.
     """
-    sums[first] = 0.0
+    total = 0.0
+    sums[first] = total
     for i in range(first, last):
-        sums[i + 1] = sums[i] + smooth[i]
+        total += smooth[i]
+        sums[i + 1] = total
     near, far = min(first + FLATTEN_PX, last), max(last - FLATTEN_PX, first + FLATTEN_PX)
-    for i in range(near, far):  # apart from the ends, so that several are done at a time
-        around = np.float32(sums[i + FLATTEN_PX + 1] - sums[i - FLATTEN_PX]) / np.float32(2 * FLATTEN_PX + 1)
-        flat[i] = smooth[i] / max(around, np.float32(1))
+    one, width = np.float32(1), np.float32(2 * FLATTEN_PX + 1)
+    for i in range(np.uint64(near), np.uint64(max(far, near))):  # unsigned, so that several are done at a time
+        around = np.float32(sums[i + np.uint64(FLATTEN_PX + 1)] - sums[i - np.uint64(FLATTEN_PX)]) / width
+        flat[i] = smooth[i] / (around if around > one else one)
     for begin, end in ((first, near), (far, last)):
         for i in range(begin, end):
             reach = min(FLATTEN_PX, i - first, last - 1 - i)
@@ -139,7 +145,26 @@ def _flatten(smooth, first, last, sums, flat):
             flat[i] = smooth[i] / max(around, np.float32(1))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _lowest_places(profile, first, last, rise, out):
+    """Where a profile is lowest between two places that are higher by so much; how many there are."""
+    n, falling, high, low, at = 0, False, profile[first], profile[first], first
+    for i in range(first, last):
+        here = profile[i]
+        if falling:
+            if here <= low:
+                low, at = here, i
+            elif here - low > rise:
+                out[n] = at
+                n, falling, high = n + 1, False, here
+        elif here > high:
+            high = here
+        elif high - here > rise:
+            falling, low, at = True, here, i
+    return n
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _below_chord(profile, i, x_left, x_right, end):
     """How far a place lies below the straight line between the bands beside it."""
     left, right = max(int(x_left) - COLOR_GAP_PX, 2), min(int(x_right) + 1 + COLOR_GAP_PX, end - 3)
@@ -147,7 +172,7 @@ def _below_chord(profile, i, x_left, x_right, end):
     return profile[left] + part * (profile[right] - profile[left]) - profile[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _downhill(profile, i, end):
     """The nearest lowest place, at most a few steps away."""
     for _ in range(DOWNHILL_PX):
@@ -160,7 +185,7 @@ def _downhill(profile, i, end):
     return i
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _edges(profile, i, least_depth, least_contrast, least_reach, widest_reach, end):
     """Left and right edge of a dip, each with its slope, judged by the bands beside it; both at 0 where it is none."""
     widest, here = min(widest_reach, i - 2, end - 3 - i), profile[i]
@@ -183,7 +208,7 @@ def _edges(profile, i, least_depth, least_contrast, least_reach, widest_reach, e
     return x_left, slope_left, x_right, slope_right
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _shoulder(smooth, i, way, reach):
     """The brightest place within reach, before the profile falls below where it starts."""
     highest = smooth[i]
@@ -194,7 +219,7 @@ def _shoulder(smooth, i, way, reach):
     return highest
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _band_levels(smooth, i, reach, highest_left, highest_right):
     """Brightness of the bands at the slit's own edges, on a straight line from what they are further out.
 
@@ -221,7 +246,7 @@ def _band_levels(smooth, i, reach, highest_left, highest_right):
     return edge_left, edge_right
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _half_level(smooth, i, way, low, high, reach):
     """Where the profile has risen halfway from a minimum, and how steeply it rises there, in one direction."""
     level = 0.5 * (low + high)
@@ -232,7 +257,7 @@ def _half_level(smooth, i, way, low, high, reach):
     return float(i + way * reach), 1e-3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _band_color(lines, smooth, k, i, edge, way, end, deep, out):
     """Colour of the band beside a dip; of one that a shadow cuts short (it shows beside a deep dip), its middle."""
     first, last = COLOR_GAP_PX + 1, COLOR_GAP_PX + COLOR_SPAN_PX
@@ -251,7 +276,7 @@ def _band_color(lines, smooth, k, i, edge, way, end, deep, out):
     _mean_color(lines, k, edge + first if way > 0 else edge - last, last - first + 1, out)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _mean_color(lines, k, first, span, out):
     found = 0
     for i in range(max(first, 0), min(first + span, lines.shape[1])):
