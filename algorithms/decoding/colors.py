@@ -70,7 +70,7 @@ def frame_colors(bands: Float[np.ndarray, "n 3"], levels: Float[np.ndarray, "n 3
         nearest = np.where(off2.min(axis=1) < FAR_CHROMA**2, np.argmin(off2, axis=1), -1)
         for c in range(3):
             if (nearest == c).any():
-                centers[c] = np.median(chroma[nearest == c, c], axis=0)
+                centers[c] = [np.median(of[c][nearest == c]) for of in chroma]
     rarest = min(np.count_nonzero(nearest == c) for c in range(3))
     return None if rarest < max(LEAST_COLOR_SHARE * nearest.size, 1) else centers
 
@@ -85,13 +85,14 @@ def _log_ratios(chroma: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
 def _compared(bands, levels, centers):
     """Each band's shares of red and blue were it of each of the colours, and how far they lie from that, squared."""
     n = len(bands)
-    chroma, off2 = np.empty((n, 3, 2)), np.empty((n, 3))
+    chroma, off2 = np.empty((2, 3, n)), np.empty((n, 3))
     for i in range(n):
         for c in range(3):
             center = centers[c, 0], centers[c, 1]
             band, level = (bands[i, 0], bands[i, 1], bands[i, 2]), (levels[i, 0], levels[i, 1], levels[i, 2])
-            chroma[i, c, 0], chroma[i, c, 1] = _chroma_as(band, level, center)
-            off2[i, c] = (chroma[i, c, 0] - center[0]) ** 2 + (chroma[i, c, 1] - center[1]) ** 2
+            red, blue = _chroma_as(band, level, center)
+            chroma[0, c, i], chroma[1, c, i] = red, blue
+            off2[i, c] = (red - center[0]) ** 2 + (blue - center[1]) ** 2
     return chroma, off2
 
 

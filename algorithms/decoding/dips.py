@@ -228,17 +228,19 @@ def _band_levels(smooth, i, reach, highest_left, highest_right):
     """
     near, far = (5 * reach) // 8, reach
     half = (near + far) // 2
-    levels = np.zeros(4)
-    for j in range(near, far):
-        k = 0 if j < half else 1
-        levels[k] += smooth[i - j] / (half - near if k == 0 else far - half)
-        levels[2 + k] += smooth[i + j] / (half - near if k == 0 else far - half)
-    left, right = 0.5 * (levels[0] + levels[1]), 0.5 * (levels[2] + levels[3])
+    left_near, left_far, right_near, right_far = 0.0, 0.0, 0.0, 0.0
+    for j in range(near, half):
+        left_near += smooth[i - j] / (half - near)
+        right_near += smooth[i + j] / (half - near)
+    for j in range(half, far):
+        left_far += smooth[i - j] / (far - half)
+        right_far += smooth[i + j] / (far - half)
+    left, right = 0.5 * (left_near + left_far), 0.5 * (right_near + right_far)
     here = smooth[i]
     if left - here < 0.7 * (highest_left - here) or right - here < 0.7 * (highest_right - here):
         return highest_left, highest_right  # another edge is near: there is no band to follow
     gap = 0.5 * (far - near)
-    fade = 0.5 * ((levels[0] - levels[1]) / left + (levels[3] - levels[2]) / right) / gap
+    fade = 0.5 * ((left_near - left_far) / left + (right_far - right_near) / right) / gap
     move = 0.5 * (near + far - 1) - EDGE_FROM_MIDDLE_SHARE * reach
     edge_left, edge_right = left * (1.0 + fade * move), right * (1.0 - fade * move)
     if min((edge_left - here) / (left - here), (edge_right - here) / (right - here)) < 0.7:

@@ -144,6 +144,38 @@ def test_compiled_flattening_agrees_with_plain_means():
         assert flat[i] == pytest.approx(smooth[i] / smooth[i - reach : i + reach + 1].mean(), rel=1e-5)
 
 
+def test_compiled_search_for_low_places_agrees_with_looking_both_ways_from_each():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        profile = np.cumsum(rng.standard_normal(200))
+        out = np.empty(200, dtype=np.int64)
+        found = out[: dips._lowest_places(profile, 2, 198, 1.5, out)]
+
+        def higher(beside, here):  # before it falls below where it starts
+            below = np.flatnonzero(beside < here)
+            return beside[: below[0] if below.size else None].max(initial=here) > here + 1.5
+
+        low = [
+            i for i in range(2, 198) if all(higher(b, profile[i]) for b in (profile[2:i][::-1], profile[i + 1 : 198]))
+        ]
+        assert found.tolist() == low
+
+
+def test_compiled_choice_of_unusual_places_agrees_with_plain_medians():
+    rng = np.random.default_rng(0)
+    which = rng.choice([0, 1, 3, 4], 400)
+    log_width, depth = 0.1 * rng.standard_t(2, 400), 0.4 + 0.05 * rng.standard_t(2, 400)
+    found = words._unusual(which, log_width, depth, 0.3, 0.7)
+    for j in (0, 1, 3, 4):
+        mine = which == j
+        wide = np.abs(log_width[mine] - np.median(log_width[mine]))
+        shallow = np.median(depth[mine]) - depth[mine]
+        wide_out = wide > max(0.3, 3 * 1.4826 * np.median(wide))
+        shallow_out = shallow > max(0.7 * np.median(depth[mine]), 3 * 1.4826 * np.median(np.abs(shallow)))
+        assert np.array_equal(found[mine], wide_out | shallow_out)
+        assert 0 < np.count_nonzero(found[mine]) < 0.3 * np.count_nonzero(mine)
+
+
 def test_compiled_gathering_along_slits_agrees_with_a_plain_walk(noisy):
     found = dips.find_dips(lines.polar_lines(noisy, RIG, 180), 0, DecodeSettings())
     pooled, share = colors._along_slits(found.found, found.radius_px, found.rgb, 4, colors.CARRY_PX)
@@ -185,7 +217,7 @@ def test_compiled_comparing_of_colours_agrees_with_plain_arrays():
     chroma, off2 = colors._compared(bands, levels, centers)
     for c in range(3):
         plain = _chroma_as(bands, levels, centers[c])
-        assert chroma[:, c] == pytest.approx(plain)
+        assert np.allclose(chroma[:, c].T, plain)
         assert off2[:, c] == pytest.approx(((plain - centers[c]) ** 2).sum(axis=1))
 
 
