@@ -13,6 +13,7 @@ from algorithms.decoding.settings import DecodeSettings
 WHITE_WALL_CHROMA = np.array([[0.50, 0.23], [0.34, 0.31], [0.20, 0.47]])
 CODE_SHARE = np.array([6.0, 5.0, 5.0]) / 16  # of the bands beside the eight slits
 CHROMA_ROUNDS, CHROMA_STRIDE = 4, 4  # of every fourth line
+MUCH_CLIPPED = 0.2  # of the bands
 LEAST_CHROMA = 0.01
 FAR_CHROMA = 0.5  # no colour of ours
 CLIPPED_LEVEL = 250.0  # of a channel that may be brighter than the picture can say
@@ -53,8 +54,8 @@ def frame_colors(bands: Float[np.ndarray, "n 3"], levels: Float[np.ndarray, "n 3
     """Shares of red and blue in the frame's own three colours; None where it does not show each of them.
 
     A wall gives all colours the same factor in each channel (von Kries). The search starts from the colours on a white
-    wall times what makes them, mixed as in the code, the frame's mean (gray world); from there each goes its own way
-    (k-means).
+    wall times what makes them, mixed as in the code, the frame's mean (gray world). Where much is clipped that mean is
+    false, and a white wall another start: the one whose colours end further apart for their spread is believed.
 
     Args:
         bands: Colours of bands beyond their floor.
@@ -64,7 +65,18 @@ def frame_colors(bands: Float[np.ndarray, "n 3"], levels: Float[np.ndarray, "n 3
     seen = seen[:, ::2] / np.maximum(seen.sum(axis=1, keepdims=True), 1e-9)
     white = _log_ratios(WHITE_WALL_CHROMA)
     ratios = np.exp(white + _log_ratios(seen).mean(axis=0) - CODE_SHARE @ white)
-    centers = ratios / (1.0 + ratios.sum(axis=1, keepdims=True))
+    starts = [ratios / (1.0 + ratios.sum(axis=1, keepdims=True))]
+    if np.mean(levels.max(axis=1) > CLIPPED_LEVEL) > MUCH_CLIPPED:
+        starts.append(WHITE_WALL_CHROMA)
+    found = [one for one in (_moved(start, bands, levels) for start in starts) if one is not None]
+    return min(found, key=lambda one: one[1])[0] if found else None
+
+
+def _moved(
+    start: Float[np.ndarray, "3 2"], bands: Float[np.ndarray, "n 3"], levels: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "3 2"], float] | None:
+    """Colours moved from a start to the frame's own (k-means), and their spread over their least distance."""
+    centers, nearest = start.copy(), np.zeros(0)
     for _ in range(CHROMA_ROUNDS):
         chroma, off2 = _compared(bands, levels, centers)
         nearest = np.where(off2.min(axis=1) < FAR_CHROMA**2, np.argmin(off2, axis=1), -1)
@@ -72,7 +84,19 @@ def frame_colors(bands: Float[np.ndarray, "n 3"], levels: Float[np.ndarray, "n 3
             if (nearest == c).any():
                 centers[c] = [np.median(of[c][nearest == c]) for of in chroma]
     rarest = min(np.count_nonzero(nearest == c) for c in range(3))
-    return None if rarest < max(LEAST_COLOR_SHARE * nearest.size, 1) else centers
+    if rarest < max(LEAST_COLOR_SHARE * nearest.size, 1):
+        return None
+    return centers, float(off2.min(axis=1).mean() / max(_gap2(centers), 1e-9))
+
+
+@njit(cache=True)
+def _gap2(centers):
+    """Least squared distance between two colours."""
+    gap2 = 2.0
+    for a in range(3):
+        for b in range(a):
+            gap2 = min(gap2, (centers[a, 0] - centers[b, 0]) ** 2 + (centers[a, 1] - centers[b, 1]) ** 2)
+    return gap2
 
 
 def _log_ratios(chroma: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
@@ -120,11 +144,7 @@ def _scores(count, bands, pooled, share, centers, least_light):
     """How well the colours beside each dip go with each of the three; the dark foot of a band is no band itself."""
     n_lines, most = share.shape
     out = np.full((2, n_lines, most, 3), FOREIGN_COLOR)
-    gap2 = 2.0
-    for a in range(3):
-        for b in range(a):
-            gap2 = min(gap2, (centers[a, 0] - centers[b, 0]) ** 2 + (centers[a, 1] - centers[b, 1]) ** 2)
-    scale = -1.0 / max(gap2 / 8, 1e-9)
+    scale = -1.0 / max(_gap2(centers) / 8, 1e-9)
     off2 = np.empty(3)
     for side in range(2):
         for k in range(n_lines):
