@@ -65,6 +65,7 @@ CASES = (
     Case("glass tube 1.5 mm, calibrated", (TUBE,), calibrated=True),
     Case("white PVC", optics(wall="white-pvc")),
     Case("yellow PE", optics(wall="yellow-pe")),
+    Case("yellow PE, exposed 3 x longer", optics(wall="yellow-pe", exposure="4.2")),
     Case("tan PE", optics(wall="tan-pe")),
     Case("black PE", optics(wall="black-pe")),
     Case("black PE, exposed 10 x longer", optics(wall="black-pe", exposure="14")),

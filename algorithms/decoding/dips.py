@@ -22,7 +22,7 @@ SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
 
 
 class Dips(NamedTuple):
-    """Dark places, so many on every line: radius, width, standard deviation, colours inside, outside and of the place.
+    """Dark places, so many on every line, by radius: width, standard deviation, colours inside, of the place, outside.
 
     `start_rgb` is the colour in which each line begins, and the radius of that.
     """
@@ -31,9 +31,7 @@ class Dips(NamedTuple):
     radius_px: Float[np.ndarray, "lines most"]
     width_px: Float[np.ndarray, "lines most"]
     sigma_px: Float[np.ndarray, "lines most"]
-    inside_rgb: Float[np.ndarray, "lines most 3"]
-    outside_rgb: Float[np.ndarray, "lines most 3"]
-    floor_rgb: Float[np.ndarray, "lines most 3"]
+    rgb: Float[np.ndarray, "lines most 3 3"]
     start_rgb: Float[np.ndarray, "lines 4"]
 
 
@@ -64,7 +62,7 @@ def find_dips(lines: Lines, first_px: int, settings: DecodeSettings) -> Dips:
     return Dips(*_find_dips(lines.rgb, lines.light, SMOOTHING.astype(np.float32), first_px, limits))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _find_dips(lines, light, smoothing, first_px, limits):
     least_reach, widest_reach, min_contrast, min_depth, noise, min_width, max_width = limits
     n_lines, n = light.shape
@@ -72,13 +70,12 @@ def _find_dips(lines, light, smoothing, first_px, limits):
     radius = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
     widths = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
     sigma = np.full((n_lines, MAX_SLITS_A_LINE), np.nan)
-    inside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
-    outside = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
-    floor = np.zeros((n_lines, MAX_SLITS_A_LINE, 3))
+    rgb = np.zeros((n_lines, MAX_SLITS_A_LINE, 3, 3))
     start = np.zeros((n_lines, 4))
     smooth = np.empty(n, dtype=np.float32)
     flat = np.empty(n, dtype=np.float32)
     sums = np.empty(n + 1)
+    places = np.empty(n, dtype=np.int64)
     for k in range(n_lines):
         end = n
         while end > 0 and np.isnan(light[k, end - 1]):
@@ -90,11 +87,13 @@ def _find_dips(lines, light, smoothing, first_px, limits):
         _flatten(smooth, 2, end - 2, sums, flat)
         _mean_color(lines, k, 0, COLOR_SPAN_PX, start[k, :3])
         start[k, 3] = first_px + 0.5 * COLOR_SPAN_PX
-        for i in range(2 + least_reach, end - 2 - least_reach):
+        lowest = _lowest_places(flat, 2, end - 2, min_contrast, places)
+        for n_place in range(lowest):
+            i = places[n_place]
+            if i < 2 + least_reach or i >= end - 2 - least_reach:
+                continue
             if count[k] == MAX_SLITS_A_LINE:
                 break
-            if flat[i] > flat[i - 1] or flat[i] >= flat[i + 1]:
-                continue
             level = max((sums[min(i + 9, end - 2)] - sums[max(i - 8, 2)]) / 17, 1.0)
             least = max(min_depth / level, min_contrast)
             x_left, slope_left, x_right, slope_right = _edges(flat, i, least, 0.0, least_reach, widest_reach, end)
@@ -116,11 +115,11 @@ def _find_dips(lines, light, smoothing, first_px, limits):
             radius[k, m] = first_px + 0.5 * (x_left + x_right)
             widths[k, m] = width
             sigma[k, m] = 0.25 * noise / level * np.sqrt(1.0 / slope_left**2 + 1.0 / slope_right**2)
-            _band_color(lines, smooth, k, i, int(np.ceil(x_left)), -1, end, deep, inside[k, m])
-            _band_color(lines, smooth, k, i, int(np.floor(x_right)), 1, end, deep, outside[k, m])
-            _mean_color(lines, k, i - 1, 3, floor[k, m])
+            _band_color(lines, smooth, k, i, int(np.ceil(x_left)), -1, end, deep, rgb[k, m, 0])
+            _band_color(lines, smooth, k, i, int(np.floor(x_right)), 1, end, deep, rgb[k, m, 2])
+            _mean_color(lines, k, i - 1, 3, rgb[k, m, 1])
             count[k] += 1
-    return count, radius, widths, sigma, inside, outside, floor, start
+    return count, radius, widths, sigma, rgb, start
 
 
 @njit(cache=True)
@@ -129,13 +128,16 @@ def _flatten(smooth, first, last, sums, flat):
 
     Far from the projector the light of haze and wall climbs so steeply that a weak slit is a bend, not a dip.
     """
-    sums[first] = 0.0
+    total = 0.0
+    sums[first] = total
     for i in range(first, last):
-        sums[i + 1] = sums[i] + smooth[i]
+        total += smooth[i]
+        sums[i + 1] = total
     near, far = min(first + FLATTEN_PX, last), max(last - FLATTEN_PX, first + FLATTEN_PX)
-    for i in range(near, far):  # apart from the ends, so that several are done at a time
-        around = np.float32(sums[i + FLATTEN_PX + 1] - sums[i - FLATTEN_PX]) / np.float32(2 * FLATTEN_PX + 1)
-        flat[i] = smooth[i] / max(around, np.float32(1))
+    one, width = np.float32(1), np.float32(2 * FLATTEN_PX + 1)
+    for i in range(np.uint64(near), np.uint64(max(far, near))):  # unsigned, so that several are done at a time
+        around = np.float32(sums[i + np.uint64(FLATTEN_PX + 1)] - sums[i - np.uint64(FLATTEN_PX)]) / width
+        flat[i] = smooth[i] / (around if around > one else one)
     for begin, end in ((first, near), (far, last)):
         for i in range(begin, end):
             reach = min(FLATTEN_PX, i - first, last - 1 - i)
@@ -143,7 +145,26 @@ def _flatten(smooth, first, last, sums, flat):
             flat[i] = smooth[i] / max(around, np.float32(1))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _lowest_places(profile, first, last, rise, out):
+    """Where a profile is lowest between two places that are higher by so much; how many there are."""
+    n, falling, high, low, at = 0, False, profile[first], profile[first], first
+    for i in range(first, last):
+        here = profile[i]
+        if falling:
+            if here <= low:
+                low, at = here, i
+            elif here - low > rise:
+                out[n] = at
+                n, falling, high = n + 1, False, here
+        elif here > high:
+            high = here
+        elif high - here > rise:
+            falling, low, at = True, here, i
+    return n
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _below_chord(profile, i, x_left, x_right, end):
     """How far a place lies below the straight line between the bands beside it."""
     left, right = max(int(x_left) - COLOR_GAP_PX, 2), min(int(x_right) + 1 + COLOR_GAP_PX, end - 3)
@@ -151,7 +172,7 @@ def _below_chord(profile, i, x_left, x_right, end):
     return profile[left] + part * (profile[right] - profile[left]) - profile[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _downhill(profile, i, end):
     """The nearest lowest place, at most a few steps away."""
     for _ in range(DOWNHILL_PX):
@@ -164,7 +185,7 @@ def _downhill(profile, i, end):
     return i
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _edges(profile, i, least_depth, least_contrast, least_reach, widest_reach, end):
     """Left and right edge of a dip, each with its slope, judged by the bands beside it; both at 0 where it is none."""
     widest, here = min(widest_reach, i - 2, end - 3 - i), profile[i]
@@ -187,7 +208,7 @@ def _edges(profile, i, least_depth, least_contrast, least_reach, widest_reach, e
     return x_left, slope_left, x_right, slope_right
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _shoulder(smooth, i, way, reach):
     """The brightest place within reach, before the profile falls below where it starts."""
     highest = smooth[i]
@@ -198,7 +219,7 @@ def _shoulder(smooth, i, way, reach):
     return highest
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _band_levels(smooth, i, reach, highest_left, highest_right):
     """Brightness of the bands at the slit's own edges, on a straight line from what they are further out.
 
@@ -207,17 +228,19 @@ def _band_levels(smooth, i, reach, highest_left, highest_right):
     """
     near, far = (5 * reach) // 8, reach
     half = (near + far) // 2
-    levels = np.zeros(4)
-    for j in range(near, far):
-        k = 0 if j < half else 1
-        levels[k] += smooth[i - j] / (half - near if k == 0 else far - half)
-        levels[2 + k] += smooth[i + j] / (half - near if k == 0 else far - half)
-    left, right = 0.5 * (levels[0] + levels[1]), 0.5 * (levels[2] + levels[3])
+    left_near, left_far, right_near, right_far = 0.0, 0.0, 0.0, 0.0
+    for j in range(near, half):
+        left_near += smooth[i - j] / (half - near)
+        right_near += smooth[i + j] / (half - near)
+    for j in range(half, far):
+        left_far += smooth[i - j] / (far - half)
+        right_far += smooth[i + j] / (far - half)
+    left, right = 0.5 * (left_near + left_far), 0.5 * (right_near + right_far)
     here = smooth[i]
     if left - here < 0.7 * (highest_left - here) or right - here < 0.7 * (highest_right - here):
         return highest_left, highest_right  # another edge is near: there is no band to follow
     gap = 0.5 * (far - near)
-    fade = 0.5 * ((levels[0] - levels[1]) / left + (levels[3] - levels[2]) / right) / gap
+    fade = 0.5 * ((left_near - left_far) / left + (right_far - right_near) / right) / gap
     move = 0.5 * (near + far - 1) - EDGE_FROM_MIDDLE_SHARE * reach
     edge_left, edge_right = left * (1.0 + fade * move), right * (1.0 - fade * move)
     if min((edge_left - here) / (left - here), (edge_right - here) / (right - here)) < 0.7:
@@ -225,7 +248,7 @@ def _band_levels(smooth, i, reach, highest_left, highest_right):
     return edge_left, edge_right
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _half_level(smooth, i, way, low, high, reach):
     """Where the profile has risen halfway from a minimum, and how steeply it rises there, in one direction."""
     level = 0.5 * (low + high)
@@ -236,7 +259,7 @@ def _half_level(smooth, i, way, low, high, reach):
     return float(i + way * reach), 1e-3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _band_color(lines, smooth, k, i, edge, way, end, deep, out):
     """Colour of the band beside a dip; of one that a shadow cuts short (it shows beside a deep dip), its middle."""
     first, last = COLOR_GAP_PX + 1, COLOR_GAP_PX + COLOR_SPAN_PX
@@ -255,7 +278,7 @@ def _band_color(lines, smooth, k, i, edge, way, end, deep, out):
     _mean_color(lines, k, edge + first if way > 0 else edge - last, last - first + 1, out)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _mean_color(lines, k, first, span, out):
     found = 0
     for i in range(max(first, 0), min(first + span, lines.shape[1])):

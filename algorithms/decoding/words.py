@@ -63,31 +63,33 @@ def usual(slit: Int[np.ndarray, "lines most"], dips: Dips, settings: DecodeSetti
     its print is rough or the light weak.
     """
     line, place = np.nonzero(slit >= 0)
-    which = slit[line, place]
-    off_width = np.log(dips.width_px[line, place])
-    depth = _depth(dips, line, place)
+    log_width, depth = np.log(dips.width_px[line, place]), _depth(dips, line, place)
+    most = np.log(settings.width_ratio), 1 - settings.depth_share
     out = slit.copy()
-    for j in range(int(slit.max(initial=-1)) + 1):
-        mine = which == j
-        if not mine.any():
+    out[line, place] = np.where(_unusual(slit[line, place], log_width, depth, *most), -1, slit[line, place])
+    return out
+
+
+@njit(cache=True)
+def _unusual(which, log_width, depth, most_log_wide, most_shallow_share):
+    """Which places differ more in width, or are shallower, than places of the same slit usually do."""
+    out = np.zeros(which.size, dtype=np.bool_)
+    for j in range(which.max() + 1 if which.size else 0):
+        mine = np.flatnonzero(which == j)
+        if mine.size == 0:
             continue
-        wide = np.abs(off_width[mine] - np.median(off_width[mine]))
-        shallow = np.median(depth[mine]) - depth[mine]
-        most_wide = max(np.log(settings.width_ratio), ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(wide))
-        most_shallow = max(
-            (1 - settings.depth_share) * np.median(depth[mine]),
-            ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(shallow)),
-        )
-        out[line[mine], place[mine]] = np.where((wide > most_wide) | (shallow > most_shallow), -1, j)
+        wide = np.abs(log_width[mine] - np.median(log_width[mine]))
+        usual_depth = np.median(depth[mine])
+        shallow = usual_depth - depth[mine]
+        most_wide = max(most_log_wide, ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(wide))
+        most_shallow = max(most_shallow_share * usual_depth, ROUGH_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(shallow)))
+        out[mine] = (wide > most_wide) | (shallow > most_shallow)
     return out
 
 
 def _depth(dips: Dips, line: Int[np.ndarray, "n"], place: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     """How much darker each dip is than the darker of the bands beside it, as a share of that."""
-    floor, inside, outside = (
-        rgb[line, place, 0] + rgb[line, place, 1] + rgb[line, place, 2]
-        for rgb in (dips.floor_rgb, dips.inside_rgb, dips.outside_rgb)
-    )
+    inside, floor, outside = (dips.rgb[line, place, part].sum(axis=1) for part in range(3))
     return 1.0 - floor / np.maximum(np.minimum(inside, outside), 1.0)
 
 

@@ -130,7 +130,7 @@ def test_a_slit_before_a_rim_keeps_its_colour_where_its_band_is_cut_short():
     found = dips.find_dips(picture, 0, DecodeSettings())
     slit = np.nanargmin(np.abs(found.radius_px[5] - 205))
     assert abs(found.radius_px[5, slit] - 205) < 0.6
-    red, green, blue = found.inside_rgb[5, slit]
+    red, green, blue = found.rgb[5, slit, 0]
     assert [red / (red + green + blue), blue / (red + green + blue)] == pytest.approx([0.526, 0.211], abs=0.02)
 
 
@@ -144,10 +144,41 @@ def test_compiled_flattening_agrees_with_plain_means():
         assert flat[i] == pytest.approx(smooth[i] / smooth[i - reach : i + reach + 1].mean(), rel=1e-5)
 
 
+def test_compiled_search_for_low_places_agrees_with_looking_both_ways_from_each():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        profile = np.cumsum(rng.standard_normal(200))
+        out = np.empty(200, dtype=np.int64)
+        found = out[: dips._lowest_places(profile, 2, 198, 1.5, out)]
+
+        def higher(beside, here):  # before it falls below where it starts
+            below = np.flatnonzero(beside < here)
+            return beside[: below[0] if below.size else None].max(initial=here) > here + 1.5
+
+        low = [
+            i for i in range(2, 198) if all(higher(b, profile[i]) for b in (profile[2:i][::-1], profile[i + 1 : 198]))
+        ]
+        assert found.tolist() == low
+
+
+def test_compiled_choice_of_unusual_places_agrees_with_plain_medians():
+    rng = np.random.default_rng(0)
+    which = rng.choice([0, 1, 3, 4], 400)
+    log_width, depth = 0.1 * rng.standard_t(2, 400), 0.4 + 0.05 * rng.standard_t(2, 400)
+    found = words._unusual(which, log_width, depth, 0.3, 0.7)
+    for j in (0, 1, 3, 4):
+        mine = which == j
+        wide = np.abs(log_width[mine] - np.median(log_width[mine]))
+        shallow = np.median(depth[mine]) - depth[mine]
+        wide_out = wide > max(0.3, 3 * 1.4826 * np.median(wide))
+        shallow_out = shallow > max(0.7 * np.median(depth[mine]), 3 * 1.4826 * np.median(np.abs(shallow)))
+        assert np.array_equal(found[mine], wide_out | shallow_out)
+        assert 0 < np.count_nonzero(found[mine]) < 0.3 * np.count_nonzero(mine)
+
+
 def test_compiled_gathering_along_slits_agrees_with_a_plain_walk(noisy):
     found = dips.find_dips(lines.polar_lines(noisy, RIG, 180), 0, DecodeSettings())
-    rgb = np.stack([found.inside_rgb, found.floor_rgb, found.outside_rgb])
-    pooled, share = colors._along_slits(found.found, found.radius_px, rgb, 4, colors.CARRY_PX)
+    pooled, share = colors._along_slits(found.found, found.radius_px, found.rgb, 4, colors.CARRY_PX)
     for k in range(0, 180, 17):
         for i in range(found.found[k]):
             gathered = [(k, i)]
@@ -165,7 +196,68 @@ def test_compiled_gathering_along_slits_agrees_with_a_plain_walk(noisy):
                     at += colors.CARRY_GAIN * (found.radius_px[other, nearest] - at)
                     gathered.append((other, nearest))
             assert share[k, i] == pytest.approx((len(gathered) - 1) / 8)
-            assert pooled[:, k, i] == pytest.approx(np.mean([rgb[:, a, b] for a, b in gathered], axis=0))
+            assert pooled[k, i] == pytest.approx(np.mean([found.rgb[a, b] for a, b in gathered], axis=0))
+
+
+def _chroma_as(bands, levels, center):
+    """The compiled step in plain array words."""
+    share = np.array([center[0], 1 - center.sum(), center[1]])
+    clipped, lit = levels > colors.CLIPPED_LEVEL, np.maximum(bands, 0)
+    known = np.where(clipped, 0, lit).sum(axis=1) / np.maximum(np.where(clipped, 0, share).sum(axis=1), 1e-9)
+    whole = np.where(clipped, np.maximum(lit, known[:, None] * share), lit)
+    whole[clipped.all(axis=1)] = share
+    return whole[:, ::2] / whole.sum(axis=1, keepdims=True)
+
+
+def test_compiled_comparing_of_colours_agrees_with_plain_arrays():
+    rng = np.random.default_rng(0)
+    bands = rng.uniform(-5, 200, (300, 3))
+    levels = bands + rng.uniform(20, 100, (300, 3))
+    centers = colors.WHITE_WALL_CHROMA
+    chroma, off2 = colors._compared(bands, levels, centers)
+    for c in range(3):
+        plain = _chroma_as(bands, levels, centers[c])
+        assert np.allclose(chroma[:, c].T, plain)
+        assert off2[:, c] == pytest.approx(((plain - centers[c]) ** 2).sum(axis=1))
+
+
+def test_compiled_scores_agree_with_plain_arrays(noisy):
+    found = dips.find_dips(lines.polar_lines(noisy, RIG, 180), 0, DecodeSettings())
+    pooled, share = colors._along_slits(found.found, found.radius_px, found.rgb, 4, colors.CARRY_PX)
+    anchor = share >= colors.LEAST_SHARE
+    bands = colors._beyond_floor(found.found, found.radius_px, found.width_px, pooled, anchor, found.start_rgb)
+    scores = colors._scores(found.found, bands, pooled, share, colors.WHITE_WALL_CHROMA, 60.0)
+    a, b = np.array([[0, 0, 1], [1, 2, 2]])
+    centers = colors.WHITE_WALL_CHROMA
+    gap2 = ((centers[a] - centers[b]) ** 2).sum(axis=1).min()
+    light = bands.sum(axis=-1)
+    for side in range(2):
+        band = anchor & (light[side] > colors.LEAST_BAND_SHARE * light[1 - side])
+        mine, level = bands[side][band], pooled[:, :, 2 * side][band]
+        off2 = np.stack([((_chroma_as(mine, level, one) - one) ** 2).sum(axis=1) for one in centers], axis=1)
+        score = np.maximum((off2.min(axis=1, keepdims=True) - off2) / (gap2 / 8), colors.FOREIGN_COLOR)
+        weak = colors.WEAK_SCORE * np.log(np.clip(light[side][band] / 60.0, colors.WEAKEST, 1))
+        assert scores[side][band] == pytest.approx(score + weak[:, None])
+        assert (scores[side][~band] == colors.FOREIGN_COLOR).all()
+
+
+@pytest.mark.parametrize("optics", [{"wall": "yellow-pe"}, {"wall": "yellow-pe", "exposure": 4.2}, {"exposure": 4.2}])
+def test_words_are_right_on_a_wall_that_takes_the_blue_and_in_a_picture_exposed_too_long(optics):
+    seen = decode(_picture(CARVED, Optics.model_validate(optics)), RIG, DecodeSettings())
+    assert np.mean(true_slits(CARVED, RIG, seen.pixel, POSE) != seen.slit) < 0.01
+    assert seen.slit.size > 0.85 * 720 * 8
+
+
+def test_a_wall_of_any_colour_shows_the_three_colours():
+    white = np.column_stack([colors.WHITE_WALL_CHROMA, 1 - colors.WHITE_WALL_CHROMA.sum(axis=1)])[:, [0, 2, 1]]
+    rng = np.random.default_rng(0)
+    letters = np.repeat(np.arange(3), (60, 50, 50))
+    for wall in ([1, 1, 1], [0.8, 0.6, 0.12], [0.2, 0.5, 0.9], [0.3, 0.9, 0.3], [0.9, 0.3, 0.2]):
+        seen = white[letters] * wall * rng.uniform(60, 200, (160, 1)) + rng.normal(0, 1, (160, 3))
+        true = white * wall
+        true = true[:, ::2] / true.sum(axis=1, keepdims=True)
+        assert colors.frame_colors(seen, seen) == pytest.approx(true, abs=0.01)
+    assert colors.frame_colors(np.repeat(white[:1] * 100, 50, axis=0), np.full((50, 3), 100.0)) is None
 
 
 @pytest.mark.parametrize("kind", ["black", "white", "noise"])
