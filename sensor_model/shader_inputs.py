@@ -1,0 +1,186 @@
+"""What the shaders are told: the slide, where its light can reach, the shadow's crop, and every effect's numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from sensor_model.geometry import inverse, transform
+from sensor_model.glass import Glass, tube_of
+from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics
+from sensor_model.rig import Camera, Rig
+from sensor_model.ring_renderer import SHADOW_TEXELS
+from twin.mesh import feature_box
+from twin.pipe import Pipe
+
+SLIDE_TEXELS = 8192  # ten to a pixel of the picture
+SHADOW_BIAS_MM = 0.25
+SHADED_BEYOND_MM = 0.02  # the bore, being convex, shades nothing
+NEAREST_MM = 1.0
+HOLE_MM = 0.05
+BENDS_PER_MM, GLASS_REACH = 0.03, 3.0  # of glass: how far light is moved in tangent, at most, and in mm along the pipe
+
+
+def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, glass: Glass) -> tuple[float, float]:
+    """Distances along the pipe between which the projector's light can meet the wall or what shades it."""
+    T_pipe_projector = T_pipe_camera @ rig.projector.T_camera_projector
+    apex, axis = T_pipe_projector[:3, 3], T_pipe_projector[:3, 2]
+    tilt = np.arccos(np.clip(axis[2], -1, 1))
+    inner, outer = np.radians([rig.projector.inner_half_angle_deg, rig.projector.outer_half_angle_deg])
+    farthest = (pipe.outer_radius_mm + np.hypot(*apex[:2])) / np.tan(max(inner - tilt, 0.05))
+    nearest = (pipe.wall.smallest_radius - np.hypot(*apex[:2])) / np.tan(min(outer + tilt, 1.5))
+    if glass.thickness_mm > 0:  # which sends some of it across the tube first
+        farthest += 2 * (glass.inner_radius_mm + np.hypot(*glass.offset_mm)) / np.tan(max(inner - tilt, 0.05))
+        nearest -= GLASS_REACH * glass.thickness_mm
+    return float(apex[2] + nearest - 5.0), float(apex[2] + farthest + 5.0)
+
+
+def shadow_crop(
+    pipe: Pipe, features: list[int], T_projector_pipe: np.ndarray, outer_tangent: float, glass: Glass
+) -> tuple[float, float, float, float, float] | None:
+    """Square of the projector's tangent plane that holds features: centre x, y, half side; then their depth range.
+
+    None where nothing can be shaded.
+    """
+    corners = []
+    for index in features:
+        box = feature_box(pipe, index)
+        theta = np.linspace(
+            box.theta_from_rad, box.theta_to_rad, 2 + int((box.theta_to_rad - box.theta_from_rad) / 0.05)
+        )
+        z = np.linspace(box.z_from_mm, box.z_to_mm, 2 + int((box.z_to_mm - box.z_from_mm) / 10))
+        for rho in (pipe.wall.smallest_radius, pipe.outer_radius_mm * 1.01):
+            t, at = (a.ravel() for a in np.meshgrid(theta, z))
+            corners.append(np.stack([rho * np.sin(t), -rho * np.cos(t), at, np.ones_like(at)], axis=-1))
+    if not corners:
+        return None
+    place = np.concatenate(corners) @ T_projector_pipe.T
+    place = place[place[:, 2] > NEAREST_MM]
+    tangents = place[:, :2] / place[:, 2:3]
+    seen = np.linalg.norm(tangents, axis=1) <= 1.1 * outer_tangent
+    if not seen.any():
+        return None
+    reach = 1.02 * outer_tangent
+    low = np.maximum(tangents[seen].min(axis=0), -reach)
+    high = np.minimum(tangents[seen].max(axis=0), reach)
+    half = float(max(high - low) / 2) * 1.05 + BENDS_PER_MM * glass.thickness_mm
+    middle = (low + high) / 2
+    return (
+        float(middle[0]),
+        float(middle[1]),
+        half,
+        max(float(place[:, 2].min()) - 5, NEAREST_MM),
+        float(place[:, 2].max()) + 5,
+    )
+
+
+def slide_table(beam: Light) -> tuple[Float[np.ndarray, "1 texels 4"], Float[np.ndarray, " 4"]]:
+    """The slide as a table over the tangent of the half angle, and where that table and its light begin and end.
+
+    A row has the light of all bands summed up to its tangent, so that the light between any two tangents is a
+    difference, and the number of the nearest edge.
+    """
+    first, last = beam.lit_from[0] * 0.98, beam.lit_to[-1] * 1.02
+    tangent = np.linspace(first, last, SLIDE_TEXELS)
+    lit = np.array([beam.lit_from, beam.lit_to])
+    passed = np.clip(tangent[:, None], *lit) - lit[0]
+    edges = lit.T.ravel()
+    nearest = np.abs(tangent[:, None] - edges).argmin(axis=1)
+    table = np.concatenate([passed @ np.array(beam.colors), nearest[:, None]], axis=1).astype(np.float32)
+    return table[None], np.array([first, tangent[1] - first, first, last])
+
+
+def uniforms_of(
+    pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, optics: Optics, beam: Light, crop: tuple[float, ...]
+) -> dict[str, Any]:
+    """Every number but the slide's."""
+    T_world_projector = T_pipe_camera @ rig.projector.T_camera_projector
+    T_world_projector[2, 3] -= T_pipe_camera[2, 3]
+    return {
+        **_camera_uniforms(rig.camera, pipe, T_pipe_camera),
+        **_beam_uniforms(beam),
+        **_shadow_uniforms(crop),
+        "projector_world": inverse(T_world_projector),
+        "camera_projector": rig.projector.T_camera_projector,
+        "extent": _extent(pipe, T_pipe_camera),
+        **_glass_uniforms(optics.glass, rig.projector.T_camera_projector),
+        **_finish_uniforms(beam, optics.wall_reflectance),
+    }
+
+
+def _extent(pipe: Pipe, T_pipe_camera: np.ndarray) -> np.ndarray:
+    shaded = pipe.wall.smallest_radius + SHADED_BEYOND_MM
+    beyond = 1e6 if pipe.backed else pipe.outer_radius_mm - HOLE_MM
+    return np.array([shaded, beyond, pipe.start_mm - T_pipe_camera[2, 3], pipe.end_mm - T_pipe_camera[2, 3]])
+
+
+def _camera_uniforms(camera: Camera, pipe: Pipe, T_pipe_camera: np.ndarray) -> dict[str, Any]:
+    fx, fy, skew, cx, cy = camera.intrinsics[:5]
+    farthest = 30 * pipe.outer_radius_mm + abs(T_pipe_camera[:2, 3]).max()
+    return {
+        "lens": np.array([fx, fy, cx, cy]),
+        "lens_k": camera.intrinsics[5:],
+        "picture": np.array([skew, camera.width_px, camera.height_px, farthest]),
+    }
+
+
+def _beam_uniforms(beam: Light) -> dict[str, Any]:
+    return {
+        "strut": np.array([beam.strut_azimuth_rad, beam.strut_half_width_rad, beam.strut_softness_rad, beam.jag_rad]),
+        "slide_cells": float(beam.jag_cells),
+        "falloff": np.array([beam.distance_power, beam.angle_power, REFERENCE_RANGE_MM, beam.housing_radius_mm]),
+    }
+
+
+def _shadow_uniforms(crop: tuple[float, ...]) -> dict[str, Any]:
+    x, y, half, near, far = crop
+    return {
+        "crop": np.array([x, y, half, 0.0]),
+        "depth_range": np.array([near, far, SHADOW_TEXELS, SHADOW_BIAS_MM]),
+    }
+
+
+def _glass_uniforms(glass: Glass, T_camera_projector: np.ndarray) -> dict[str, Any]:
+    if glass.thickness_mm == 0:
+        return {}
+    tube = tube_of(glass)
+    T_tube_camera = inverse(transform(np.array(tube.axes).T, np.array(tube.center)))
+    return {
+        "tube_camera": T_tube_camera,
+        "tube_projector": T_tube_camera @ T_camera_projector,
+        "tube": np.array([tube.inner, tube.outer, tube.refraction, tube.ghost]),
+    }
+
+
+def _finish_uniforms(beam: Light, reflectance: tuple[float, ...]) -> dict[str, Any]:
+    if not _is_finished(beam):
+        return {}
+    return {
+        "finish": np.array([beam.gloss, beam.gloss_power, beam.translucency, beam.translucency_mm]),
+        "unpainted": np.array([1 / share if share > 0 else 0.0 for share in reflectance]),
+    }
+
+
+def _is_finished(beam: Light) -> bool:
+    return beam.gloss > 0 or beam.translucency > 0
+
+
+def effects_of(rig: Rig, beam: Light, crop: tuple[float, ...] | None, glass: Glass) -> set[str]:
+    """What the shader has to reckon with."""
+    azimuth = np.linspace(0, 2 * np.pi, 72)
+    tangent = beam.lit_from[0]
+    rays = np.stack([tangent * np.sin(azimuth), -tangent * np.cos(azimuth), np.ones_like(azimuth)], axis=-1)
+    T = rig.projector.T_camera_projector
+    rays = rays @ T[:3, :3].T
+    at_camera = T[:2, 3] - rays[:, :2] * (T[2, 3] / rays[:, 2])[:, None]
+    housed = np.linalg.norm(at_camera, axis=1).min() < beam.housing_radius_mm + 0.1
+    cases = {
+        "HOUSED": housed,
+        "SHADOWED": crop is not None,
+        "JAGGED": beam.jag_rad > 0,
+        "GLASS": glass.thickness_mm > 0,
+        "FINISHED": _is_finished(beam),
+    }
+    return {name for name, matters in cases.items() if matters}
