@@ -13,7 +13,8 @@ from sensor_model.glass import check_inside
 from sensor_model.optics import Optics, light
 from sensor_model.rig import Rig
 from sensor_model.ring_renderer import NO_SHADOW, gl_classes, prepare_gl
-from sensor_model.shader_inputs import effects_of, reachable_mm, shadow_crop, slide_table, uniforms_of
+from sensor_model.shader_inputs import effects_of, print_table, reachable_mm, shadow_crop, slide_table, uniforms_of
+from sensor_model.water import check_dry
 from twin.mesh import Surface, bore_surface, feature_box, feature_surface
 from twin.pipe import Pipe
 
@@ -33,10 +34,11 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
         optics: The settings that act on the wall; those of lens and chip are left to `expose`.
 
     Raises:
-        ValueError: when the camera or the projector's apex lies outside the bore.
+        ValueError: when the camera or the projector's apex lies outside the bore, or in the water.
         RuntimeError: when no GL can be had.
     """
     check_inside(pipe, T_pipe_camera, rig, optics.glass)
+    check_dry(pipe, T_pipe_camera, rig, optics.water, optics.glass)
     return _studio().draw(pipe, T_pipe_camera, rig, optics)
 
 
@@ -63,19 +65,27 @@ class _Studio:
         T_world_pipe[2, 3] = -T_pipe_camera[2, 3]
         T_world_camera = T_world_pipe @ T_pipe_camera
         T_world_projector = T_world_camera @ rig.projector.T_camera_projector
-        features = self._furnish(pipe, *reachable_mm(pipe, T_pipe_camera, rig, optics.glass), T_pipe_camera[2, 3])
+        features = self._furnish(pipe, *reachable_mm(pipe, T_pipe_camera, rig, optics), T_pipe_camera[2, 3])
         beam = light(rig.projector, optics)
         slide, slide_range = slide_table(beam)
-        crop = shadow_crop(pipe, features, inverse(T_world_projector) @ T_world_pipe, beam.lit_to[-1], optics.glass)
+        crop = shadow_crop(pipe, features, inverse(T_world_projector) @ T_world_pipe, beam.lit_to[-1], optics)
         self.scene.set_pose(self.camera, T_world_camera)
         self.scene.set_pose(self.projector, T_world_projector)
         self.projector.light.crop = crop or NO_SHADOW
         shaded = {n.mesh.primitives[0] for (kind, _), (n, _) in self.drawn.items() if kind == "feature"}
         uniforms = uniforms_of(pipe, T_pipe_camera, rig, optics, beam, crop or NO_SHADOW)
         uniforms["slide_range"] = slide_range
-        effects = effects_of(rig, beam, crop, optics.glass)
+        effects = effects_of(rig, beam, crop, optics)
         size = (rig.camera.width_px, rig.camera.height_px)
-        return self.screen.picture(self.scene, size, {"slide": slide}, uniforms, effects, shaded)
+        tables = {"slide": slide, "print": print_table(rig.projector)}
+
+        def seen(*way: str) -> np.ndarray:
+            return self.screen.picture(self.scene, size, tables, uniforms, effects | {*way}, shaded)
+
+        if "WATER" not in effects:
+            return seen()
+        dry, pool = seen(), seen("MIRRORED") + seen("UNDER")
+        return dry[..., :3] + (1 - dry[..., 3:]) * pool[..., :3]
 
     def _furnish(self, pipe: Pipe, z_from: float, z_to: float, camera_z: float) -> list[int]:
         """Keep what is in reach in the scene, and nothing else; returns the features there."""

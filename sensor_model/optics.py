@@ -15,6 +15,7 @@ from sensor_model.glass import Glass
 from sensor_model.processing import Processing
 from sensor_model.rig import Projector, load_settings
 from sensor_model.settings import Settings
+from sensor_model.water import Water
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Channels = tuple[Share, Share, Share]
@@ -69,6 +70,7 @@ class Optics(Settings):
     """How many such shifts there are around the slide; between them an edge goes straight."""
 
     glass: Glass = Glass()
+    water: Water = Water()
     wall: AnyWall = WallFinish()
     """Or the name of a wall, which sets `wall_reflectance` too."""
     lamp_level: NonNegative = 1.0

@@ -12,6 +12,7 @@ import numpy as np
 
 SHADERS = Path(__file__).parent / "shaders"
 SHADOW_TEXELS = 2048
+BENDING = {"tube", "tube_projector", "water", "water_projector"}  # uniforms that move what the projector sees
 NO_SHADOW = (0.0, 0.0, 1.0, 1.0, 2.0)
 
 
@@ -124,13 +125,13 @@ def gl_classes() -> GlClasses:
                 defines |= {effect: 1 for effect in self.effects if effect != "SHADOWED" or primitive in self.shaded}
             else:
                 fragments = "mesh_depth.frag"
-                defines |= {"DEPTH": 1, **({"GLASS": 1} if "GLASS" in self.effects else {})}
+                defines |= {"DEPTH": 1, **dict.fromkeys(self.effects & {"BENT", "GLASS", "WATER"}, 1)}
             program = self._program_cache.get_program("mesh.vert", fragments, defines=defines)
             if not program._in_context():
                 program._add_to_context()
-            if "DEPTH" in defines and "GLASS" in defines:  # no lights are bound in that pass
+            if "DEPTH" in defines:  # no lights are bound in that pass
                 program._bind()
-                for name in ("tube", "tube_projector"):
+                for name in self.uniforms.keys() & BENDING:
                     program.set_uniform(name, self.uniforms[name])
             return program
 
@@ -186,8 +187,9 @@ def gl_classes() -> GlClasses:
             GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0)
             GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
             width, height = self._main_fb_dims
-            picture = np.empty((height, width, 3), dtype=np.float32)
-            GL.glReadPixels(0, 0, width, height, GL.GL_RGB, GL.GL_FLOAT, picture)
+            channels, kind = (4, GL.GL_RGBA) if "WATER" in self.effects else (3, GL.GL_RGB)
+            picture = np.empty((height, width, channels), dtype=np.float32)
+            GL.glReadPixels(0, 0, width, height, kind, GL.GL_FLOAT, picture)
             return picture
 
     class RingScreen(OffscreenRenderer):
@@ -210,7 +212,7 @@ def gl_classes() -> GlClasses:
             effects: set[str],
             shaded: set[Any],
         ) -> np.ndarray:
-            """The scene as it is seen, (height, width, 3) float32."""
+            """The scene as it is seen, (height, width, 3) float32; with water (height, width, 4), 0 where that is."""
             self._platform.make_current()
             for name, table in tables.items():
                 self._renderer.tables.setdefault(name, Table()).show(table)

@@ -10,8 +10,9 @@ from jaxtyping import Float
 from sensor_model.geometry import inverse, transform
 from sensor_model.glass import Glass, tube_of
 from sensor_model.optics import REFERENCE_RANGE_MM, Light, Optics
-from sensor_model.rig import Camera, Rig
+from sensor_model.rig import Camera, Projector, Rig
 from sensor_model.ring_renderer import SHADOW_TEXELS
+from sensor_model.water import Water, water_surface
 from twin.mesh import feature_box
 from twin.pipe import Pipe
 
@@ -21,9 +22,10 @@ SHADED_BEYOND_MM = 0.02  # the bore, being convex, shades nothing
 NEAREST_MM = 1.0
 HOLE_MM = 0.05
 BENDS_PER_MM, GLASS_REACH = 0.03, 3.0  # of glass: how far light is moved in tangent, at most, and in mm along the pipe
+WATER_BENDS_PER_MM = 0.004  # of depth, likewise
 
 
-def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, glass: Glass) -> tuple[float, float]:
+def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, optics: Optics) -> tuple[float, float]:
     """Distances along the pipe between which the projector's light can meet the wall or what shades it."""
     T_pipe_projector = T_pipe_camera @ rig.projector.T_camera_projector
     apex, axis = T_pipe_projector[:3, 3], T_pipe_projector[:3, 2]
@@ -31,14 +33,18 @@ def reachable_mm(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, glass: Glass) 
     inner, outer = np.radians([rig.projector.inner_half_angle_deg, rig.projector.outer_half_angle_deg])
     farthest = (pipe.outer_radius_mm + np.hypot(*apex[:2])) / np.tan(max(inner - tilt, 0.05))
     nearest = (pipe.wall.smallest_radius - np.hypot(*apex[:2])) / np.tan(min(outer + tilt, 1.5))
+    glass, water = optics.glass, optics.water
     if glass.thickness_mm > 0:  # which sends some of it across the tube first
         farthest += 2 * (glass.inner_radius_mm + np.hypot(*glass.offset_mm)) / np.tan(max(inner - tilt, 0.05))
         nearest -= GLASS_REACH * glass.thickness_mm
+    if water.depth_mm > 0:  # which mirrors some of it, and bends the rest down
+        farthest += 2 * (pipe.outer_radius_mm + np.hypot(*apex[:2])) / np.tan(max(inner - tilt, 0.05))
+        nearest -= water.depth_mm
     return float(apex[2] + nearest - 5.0), float(apex[2] + farthest + 5.0)
 
 
 def shadow_crop(
-    pipe: Pipe, features: list[int], T_projector_pipe: np.ndarray, outer_tangent: float, glass: Glass
+    pipe: Pipe, features: list[int], T_projector_pipe: np.ndarray, outer_tangent: float, optics: Optics
 ) -> tuple[float, float, float, float, float] | None:
     """Square of the projector's tangent plane that holds features: centre x, y, half side; then their depth range.
 
@@ -65,7 +71,8 @@ def shadow_crop(
     reach = 1.02 * outer_tangent
     low = np.maximum(tangents[seen].min(axis=0), -reach)
     high = np.minimum(tangents[seen].max(axis=0), reach)
-    half = float(max(high - low) / 2) * 1.05 + BENDS_PER_MM * glass.thickness_mm
+    bends = BENDS_PER_MM * optics.glass.thickness_mm + WATER_BENDS_PER_MM * optics.water.depth_mm
+    half = float(max(high - low) / 2) * 1.05 + bends
     middle = (low + high) / 2
     return (
         float(middle[0]),
@@ -92,6 +99,14 @@ def slide_table(beam: Light) -> tuple[Float[np.ndarray, "1 texels 4"], Float[np.
     return table[None], np.array([first, tangent[1] - first, first, last])
 
 
+def print_table(projector: Projector) -> Float[np.ndarray, "slits cells 4"]:
+    """The rig's own jaggedness, rad, in the first of four channels; a cell of zero where it has none."""
+    jag_rad = projector.jag_table_rad
+    table = np.zeros((len(projector.slits), max(jag_rad.shape[1], 1), 4), dtype=np.float32)
+    table[:, : jag_rad.shape[1], 0] = jag_rad
+    return table
+
+
 def uniforms_of(
     pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, optics: Optics, beam: Light, crop: tuple[float, ...]
 ) -> dict[str, Any]:
@@ -106,6 +121,7 @@ def uniforms_of(
         "camera_projector": rig.projector.T_camera_projector,
         "extent": _extent(pipe, T_pipe_camera),
         **_glass_uniforms(optics.glass, rig.projector.T_camera_projector),
+        **_water_uniforms(pipe, T_pipe_camera, rig, optics.water),
         **_finish_uniforms(beam, optics.wall_reflectance),
     }
 
@@ -154,6 +170,24 @@ def _glass_uniforms(glass: Glass, T_camera_projector: np.ndarray) -> dict[str, A
     }
 
 
+def _water_uniforms(pipe: Pipe, T_pipe_camera: np.ndarray, rig: Rig, water: Water) -> dict[str, Any]:
+    surface = water_surface(water, pipe)
+    if not surface.is_there:
+        return {}
+
+    def seen_from(T_pipe_seer: np.ndarray) -> np.ndarray:
+        up = np.array(surface.up)
+        return np.append(up @ T_pipe_seer[:3, :3], surface.level_mm - up @ T_pipe_seer[:3, 3])
+
+    return {
+        "water_camera": seen_from(T_pipe_camera),
+        "water_projector": seen_from(T_pipe_camera @ rig.projector.T_camera_projector),
+        "water_world": seen_from(transform(np.eye(3), np.array([0.0, 0.0, T_pipe_camera[2, 3]]))),
+        "water": np.array([surface.refraction, surface.absorption_per_mm, 0.0, 0.0]),
+        "bore_radius": pipe.bore_radius_mm,
+    }
+
+
 def _finish_uniforms(beam: Light, reflectance: tuple[float, ...]) -> dict[str, Any]:
     if not _is_finished(beam):
         return {}
@@ -167,7 +201,7 @@ def _is_finished(beam: Light) -> bool:
     return beam.gloss > 0 or beam.translucency > 0
 
 
-def effects_of(rig: Rig, beam: Light, crop: tuple[float, ...] | None, glass: Glass) -> set[str]:
+def effects_of(rig: Rig, beam: Light, crop: tuple[float, ...] | None, optics: Optics) -> set[str]:
     """What the shader has to reckon with."""
     azimuth = np.linspace(0, 2 * np.pi, 72)
     tangent = beam.lit_from[0]
@@ -180,7 +214,10 @@ def effects_of(rig: Rig, beam: Light, crop: tuple[float, ...] | None, glass: Gla
         "HOUSED": housed,
         "SHADOWED": crop is not None,
         "JAGGED": beam.jag_rad > 0,
-        "GLASS": glass.thickness_mm > 0,
+        "PRINTED": rig.projector.jag_table_rad.size > 0,
+        "GLASS": optics.glass.thickness_mm > 0,
+        "WATER": optics.water.depth_mm > 0,
+        "BENT": optics.glass.thickness_mm > 0 or optics.water.depth_mm > 0,
         "FINISHED": _is_finished(beam),
     }
     return {name for name, matters in cases.items() if matters}
