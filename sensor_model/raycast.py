@@ -52,7 +52,7 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     Raises:
         ValueError: when the camera or the projector's apex lies outside the bore, or in the water.
     """
-    view = view_of(pipe, T_pipe_camera, rig, optics)
+    view = view_of(pipe, T_pipe_camera, rig, optics.glass, optics.water)
     wall = near_wall(pipe, float(view.apex[2]))
     rays = camera_rays(rig.camera)
     picture = np.zeros(rays.shape, dtype=np.float32)

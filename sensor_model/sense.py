@@ -89,7 +89,8 @@ def write_frame(
     """Make one frame and write it: a PNG, exposed while the camera is at each of these poses, or the slit pixels."""
     if sensing.fidelity == "points":
         middle = T_pipe_camera[len(T_pipe_camera) // 2]
-        seen = see_slits(pipe, middle, rig, sensing.points, stream(seed, "points", index), sensing.optics.glass)
+        optics, rng = sensing.optics, stream(seed, "points", index)
+        seen = see_slits(pipe, middle, rig, sensing.points, rng, optics.glass, optics.water)
         write_slit_pixels(file, seen)
         return
     from sensor_model.daylight import daylight

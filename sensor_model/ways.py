@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from sensor_model.glass import ORIGIN, Tube, check_inside, mirrored, seems_at, through, towards, tube_of
-from sensor_model.optics import Optics
+from sensor_model.glass import ORIGIN, Glass, Tube, check_inside, mirrored, seems_at, through, towards, tube_of
 from sensor_model.rig import Rig
 from sensor_model.wall_rays import is_free, point_at
 from sensor_model.water import (
+    Water,
     WaterSurface,
     above_mm,
     change_in_water,
@@ -75,14 +75,14 @@ def rows_of(matrix: np.ndarray) -> Rows:
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def view_of(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: Optics) -> View:
+def view_of(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, glass: Glass, water: Water) -> View:
     """Camera and projector at a pose.
 
     Raises:
         ValueError: when one of them lies outside the bore or the glass tube, or in the water.
     """
-    check_inside(pipe, T_pipe_camera, rig, optics.glass)
-    check_dry(pipe, T_pipe_camera, rig, optics.water, optics.glass)
+    check_inside(pipe, T_pipe_camera, rig, glass)
+    check_dry(pipe, T_pipe_camera, rig, water, glass)
     T_pipe_projector = T_pipe_camera @ rig.projector.T_camera_projector
     return View(
         rows_of(T_pipe_camera[:3, :3]),
@@ -92,8 +92,8 @@ def view_of(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optic
         pipe.start_mm,
         pipe.end_mm,
         pipe.backed,
-        tube_of(optics.glass),
-        water_surface(optics.water, pipe),
+        tube_of(glass),
+        water_surface(water, pipe),
     )
 
 
@@ -102,9 +102,17 @@ def sight_along(view, direction):
     """The sight of a pixel whose ray leaves the camera in a direction of the pipe frame."""
     if not view.tube.is_there:
         return Sight(view.eye, direction, 0.0, 1.0)
-    start, onward, passed = through(view.tube, ORIGIN, _back(view.R_pipe_camera, direction))
-    before_mm = np.sqrt(dot(start, start))
-    return Sight(_placed(view, start), _onward(view, onward), before_mm, passed)
+    return light_along(view, ORIGIN, turned_back(view, direction))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def light_along(view, place, direction):
+    """The same for light that leaves a place in the tube; place and direction in the camera frame."""
+    if not view.tube.is_there:
+        return Sight(_placed(view, place), _onward(view, direction), 0.0, 1.0)
+    start, onward, passed = through(view.tube, place, direction)
+    x, y, z = start[0] - place[0], start[1] - place[1], start[2] - place[2]
+    return Sight(_placed(view, start), _onward(view, onward), np.sqrt(x * x + y * y + z * z), passed)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -115,7 +123,7 @@ def path_to(view, point):
         return Path(seems_at(view.apex, point, direction), source, passed, 1.0)
     if not view.tube.is_there:
         return Path(point, view.apex, 1.0, 1.0)
-    apex, place = _seen(view, view.apex), _seen(view, point)
+    apex, place = seen_from_camera(view, view.apex), seen_from_camera(view, point)
     direction, start, passed = towards(view.tube, apex, place)
     return Path(_placed(view, seems_at(apex, place, direction)), _placed(view, start), passed, 1.0)
 
@@ -123,7 +131,7 @@ def path_to(view, point):
 @njit(cache=True, error_model="numpy")
 def ghost_to(view, point):
     """The light's way by the far side of the tube."""
-    aimed, source, passed = mirrored(view.tube, _seen(view, view.apex), _seen(view, point))
+    aimed, source, passed = mirrored(view.tube, seen_from_camera(view, view.apex), seen_from_camera(view, point))
     return Path(_placed(view, aimed), _placed(view, source), passed, -1.0)
 
 
@@ -140,9 +148,9 @@ def way_under(view, place, point):
     enters = crossing(surface, place, point)
     direction = _unit(place, enters)
     if view.tube.is_there:
-        inside = _seen(view, place)
+        inside = seen_from_camera(view, place)
         for _ in range(WATER_STEPS):
-            aimed, exit_at, passed = towards(view.tube, inside, _seen(view, enters))
+            aimed, exit_at, passed = towards(view.tube, inside, seen_from_camera(view, enters))
             direction, start = _onward(view, aimed), _placed(view, exit_at)
             enters = crossing(surface, start, point)
     deep = (point[0] - enters[0], point[1] - enters[1], point[2] - enters[2])
@@ -157,8 +165,8 @@ def path_by_water(view, point):
     place = mirrored_place(surface, point)
     aimed, start, passed = place, apex, 1.0
     if view.tube.is_there:
-        o = _seen(view, apex)
-        direction, start, passed = towards(view.tube, o, _seen(view, place))
+        o = seen_from_camera(view, apex)
+        direction, start, passed = towards(view.tube, o, seen_from_camera(view, place))
         aimed, start = seems_at(apex, place, _onward(view, direction)), _placed(view, start)
     way = _unit(start, place)
     bounces = point_at(start, way, range_to_water(surface, start, way))
@@ -257,8 +265,9 @@ def dot(a, b):
 
 
 @njit(cache=True, error_model="numpy")
-def _back(R, v):
-    """R transposed times v."""
+def turned_back(view, v):
+    """A direction of the pipe frame in the camera's."""
+    R = view.R_pipe_camera
     return (
         R[0][0] * v[0] + R[1][0] * v[1] + R[2][0] * v[2],
         R[0][1] * v[0] + R[1][1] * v[1] + R[2][1] * v[2],
@@ -267,10 +276,10 @@ def _back(R, v):
 
 
 @njit(cache=True, error_model="numpy")
-def _seen(view, point):
+def seen_from_camera(view, point):
     """A place of the pipe frame in the camera's."""
     eye = view.eye
-    return _back(view.R_pipe_camera, (point[0] - eye[0], point[1] - eye[1], point[2] - eye[2]))
+    return turned_back(view, (point[0] - eye[0], point[1] - eye[1], point[2] - eye[2]))
 
 
 @njit(cache=True, error_model="numpy")

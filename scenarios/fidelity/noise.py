@@ -103,11 +103,12 @@ def errors_of_picture(scenario: Scenario, T_pipe_camera: Float[np.ndarray, "4 4"
         "slide_jag_cells": optics.slide_jag_cells,
     }
     no_draws = np.random.default_rng(0)
-    true = see_slits(
-        scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=DENSE_AZIMUTHS, **clean), no_draws, optics.glass
-    )
-    lines = scenario.method.decode.azimuths
-    lit = see_slits(scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=lines, **clean), no_draws, optics.glass)
+
+    def exact(azimuths: int) -> SlitPixels:
+        noise = PointNoise(azimuths=azimuths, **clean)
+        return see_slits(scenario.pipe, T_pipe_camera, rig, noise, no_draws, optics.glass, optics.water)
+
+    true, lit = exact(DENSE_AZIMUTHS), exact(scenario.method.decode.azimuths)
     return [_errors(seen, true, lit, slit, rig) for slit in range(len(rig.projector.slits))]
 
 
