@@ -85,6 +85,11 @@ class Optics(Settings):
     """Blur (standard deviation) at the far end of the picture's depth range; none at the focused depth."""
     focus_deg: NonNegative = 45.0
     """Angle from the optical axis at which a bore is in focus."""
+    focus_mm: NonNegative = 0.0
+    """Distance at which the wall is in focus: blur then goes with |1 / distance - 1 / focus|, up to `defocus_px`.
+
+    0: by the angle alone and `focus_deg`, as if the camera were on the axis of a round bore.
+    """
     color_bleed: Share = 0.18
     """Share of each channel that comes from the other two."""
     exposure: Annotated[float, Field(gt=0)] = 1.4
