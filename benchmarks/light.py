@@ -38,7 +38,8 @@ SCAN = (
 TUBE = "sensing.optics.glass={thickness_mm: 1.5}"
 LEANING = "sensing.optics.glass={thickness_mm: 1.5, offset_mm: [0.5, 0], tilt_deg: [0.5, 0]}"
 SLANTED = "sensing.optics.glass={thickness_mm: 1.5, offset_mm: [0.5, -0.3], tilt_deg: [0.5, 0.3]}"
-FAR_OFF = "drive.offset_mm=[14, -10]"
+FAR_OFF, OFF = "drive.offset_mm=[14, -10]", "drive.offset_mm=[8, -6]"
+FOCUS_MM = "107.8"  # of the bore at 45 degrees
 SEEN_FROM_MM = 62.0
 CROP, TILE_PX, COLUMNS = (slice(480, 880), slice(780, 1180)), 176, 7
 BESIDE_MM, BESIDE_RAD = 15.0, 0.4  # of the pocket, which the radius of the bare wall leaves out
@@ -78,7 +79,14 @@ CASES = (
     Case("exposed 3 x longer", optics(exposure="4.2")),
     Case("17 mm off centre", (FAR_OFF,)),
     Case("17 mm off centre, 1/r2", (FAR_OFF, *optics(distance_power="2"))),
+    Case("10 mm off centre", (OFF,)),
+    Case("10 mm off centre, 1/r2", (OFF, *optics(distance_power="2"))),
+    Case("10 mm off centre, defocus 3 px", (OFF, *optics(defocus_px="3"))),
+    Case("10 mm off, by true distance", (OFF, *optics(defocus_px="3", focus_mm=FOCUS_MM))),
     Case("defocus 3 px", optics(defocus_px="3")),
+    Case("water 5 mm deep", optics(water__depth_mm="5")),
+    Case("water 15 mm deep", optics(water__depth_mm="15")),
+    Case("water 30 mm, over half the pocket", optics(water__depth_mm="30")),
     Case("daylight at 420 mm", ("pipe.end_mm=420", *optics(daylight__level="1"))),
     Case("daylight at 420 mm, flickering", ("pipe.end_mm=420", *optics(daylight="{level: 1, flicker: 0.8}"))),
     Case("colour filter", optics(processing__color_filter="true")),

@@ -38,6 +38,24 @@ class Sensing(Settings):
     timing: Timing = Timing()
 
 
+def without_effect(sensing: Sensing) -> str:
+    """Which optics are stated, but only pictures show them: a sentence for whoever asked for `points`, else nothing."""
+    if sensing.fidelity != "points":
+        return ""
+    default, optics = Optics(), sensing.optics
+    unseen = [
+        name
+        for name in Optics.model_fields
+        if name not in ("glass", "water") and getattr(optics, name) != getattr(default, name)
+    ]
+    if not unseen:
+        return ""
+    return (
+        f"sensing.fidelity points draws no picture, so these of sensing.optics have no effect: {', '.join(unseen)}; "
+        "of the light it knows glass and water, and the rest by sensing.points alone"
+    )
+
+
 def sense(
     truth: Truth,
     true_rig: Rig,
