@@ -38,18 +38,21 @@ SCAN = (
 TUBE = "sensing.optics.glass={thickness_mm: 1.5}"
 LEANING = "sensing.optics.glass={thickness_mm: 1.5, offset_mm: [0.5, 0], tilt_deg: [0.5, 0]}"
 SLANTED = "sensing.optics.glass={thickness_mm: 1.5, offset_mm: [0.5, -0.3], tilt_deg: [0.5, 0.3]}"
-FAR_OFF = "drive.offset_mm=[14, -10]"
+FAR_OFF, OFF = "drive.offset_mm=[14, -10]", "drive.offset_mm=[8, -6]"
+FOCUS_MM = "107.8"  # of the bore at 45 degrees
 SEEN_FROM_MM = 62.0
-CROP, TILE_PX, COLUMNS = (slice(480, 880), slice(780, 1180)), 176, 7
+CROP, BELOW = (slice(480, 880), slice(780, 1180)), (slice(532, 1232), slice(480, 1180))  # about the pocket, the water
+TILE_PX, COLUMNS = 176, 7
 BESIDE_MM, BESIDE_RAD = 15.0, 0.4  # of the pocket, which the radius of the bare wall leaves out
 
 
 class Case(NamedTuple):
-    """A row of the table: what is set, and whether the rig is calibrated through the glass first."""
+    """A row of the table: what is set, whether the rig is calibrated through the glass first, and what is shown."""
 
     name: str
     changes: tuple[str, ...] = ()
     calibrated: bool = False
+    crop: tuple[slice, slice] = CROP
 
 
 def optics(**values: str) -> tuple[str, ...]:
@@ -79,7 +82,14 @@ CASES = (
     Case("exposed 3 x longer", optics(exposure="4.2")),
     Case("17 mm off centre", (FAR_OFF,)),
     Case("17 mm off centre, 1/r2", (FAR_OFF, *optics(distance_power="2"))),
+    Case("10 mm off centre", (OFF,)),
+    Case("10 mm off centre, 1/r2", (OFF, *optics(distance_power="2"))),
+    Case("10 mm off, defocus 3 px", (OFF, *optics(defocus_px="3"))),
+    Case("10 mm off, by true distance", (OFF, *optics(defocus_px="3", focus_mm=FOCUS_MM))),
     Case("defocus 3 px", optics(defocus_px="3")),
+    Case("water 5 mm deep", optics(water__depth_mm="5"), crop=BELOW),
+    Case("water 15 mm deep", optics(water__depth_mm="15"), crop=BELOW),
+    Case("water 30 mm, over half the pocket", optics(water__depth_mm="30"), crop=BELOW),
     Case("daylight at 420 mm", ("pipe.end_mm=420", *optics(daylight__level="1"))),
     Case("daylight at 420 mm, flickering", ("pipe.end_mm=420", *optics(daylight="{level: 1, flicker: 0.8}"))),
     Case("colour filter", optics(processing__color_filter="true")),
@@ -148,7 +158,7 @@ def radius_bias_mm(scenario: Scenario, wall: WallMap) -> float | None:
 
 
 def tile(case: Case, fidelity: str) -> np.ndarray:
-    """A crop about the pocket, with its name."""
+    """A crop of one picture, with its name."""
     scenario = scenario_of(case._replace(calibrated=False), fidelity)
     truth = simulate(scenario.pipe, scenario.robot, scenario.drive, np.random.default_rng(0))
     stamp_s = SEEN_FROM_MM / scenario.drive.speed_mm_s
@@ -156,7 +166,7 @@ def tile(case: Case, fidelity: str) -> np.ndarray:
         file = Path(folder) / "frame.png"
         write_frame(scenario.pipe, truth.pose_at(np.array([stamp_s])), scenario.rig, scenario.sensing, 0, 0, file)
         picture = cv2.imread(str(file))
-    crop = cv2.resize(picture[CROP], (TILE_PX, TILE_PX), interpolation=cv2.INTER_AREA)
+    crop = cv2.resize(picture[case.crop], (TILE_PX, TILE_PX), interpolation=cv2.INTER_AREA)
     label = np.full((30, TILE_PX, 3), 255, dtype=np.uint8)
     words, lines = (
         case.name.replace("the same", "glass" if "ghost" in case.name or "tilted" in case.name else "light"),

@@ -129,7 +129,10 @@ def points_once(scenario: Scenario, truth: Truth, folder: Path) -> tuple[dict[st
     timed("sense and write", lambda: list(sense(*sent)), spent)()
     recording = timed("open the recording", lambda: open_recording(folder), spent)()
     T_true = truth.pose_at(recording.frame_stamps_ns / 1e9)
-    state, tally = measuring.begin(recording.rig, recording.pipe, scenario.method), FrameTally(truth.pipe, scenario.rig)
+    state, tally = (
+        measuring.begin(recording.rig, recording.pipe, scenario.method),
+        FrameTally(truth.pipe, scenario.rig, optics=scenario.sensing.optics),
+    )
     read, step, take = (
         timed(name, function, spent)
         for name, function in (

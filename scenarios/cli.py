@@ -88,6 +88,7 @@ def _run(
     from scenarios.progress import Progress
     from scenarios.run import run as run_scenario
 
+    _say_without_effect(scenario)
     out = out or Path("runs") / f"{scenario.name}-seed{scenario.seed}"
     progress = Progress()
     try:
@@ -105,6 +106,13 @@ def _run(
     for reason in extrapolated(scenario):
         print(f"extrapolated: {reason}")
     print(f"report: {report}")
+
+
+def _say_without_effect(scenario: Any) -> None:
+    from sensor_model.sense import without_effect
+
+    if said := without_effect(scenario.sensing):
+        print(f"{scenario.name}: {said}", file=sys.stderr)
 
 
 @app.command()
@@ -163,6 +171,7 @@ def check(file: ScenarioName, changes: Changes = None) -> None:
     from scenarios.load import load_scenario
 
     scenario = load_scenario(file, changes or [])
+    _say_without_effect(scenario)
     pipe = scenario.pipe
     count = f"{len(pipe.features)} feature{'' if len(pipe.features) == 1 else 's'}"
     print(f"{file}: ok: {scenario.name}, {pipe.length_mm:g} mm of pipe with {count}, drive {scenario.drive.kind}")

@@ -187,7 +187,7 @@ def fold(
 ) -> tuple[State, FrameTally]:
     """Measure frame by frame from the slit pixels of each, and take each frame's figures."""
     T_true = true_poses(truth, recording)
-    tally = FrameTally(truth.pipe, scenario.true_rig or scenario.rig)
+    tally = FrameTally(truth.pipe, scenario.true_rig or scenario.rig, optics=scenario.sensing.optics)
     state = begin(recording.rig, recording.pipe, scenario.method)
     for index, pixels in enumerate(seen):
         tally_frame(tally, step(state, recording.frame(index), pixels), T_true[index])

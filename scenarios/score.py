@@ -14,15 +14,19 @@ from algorithms.types import FrameResult, Reconstruction, WallMap, seen_share
 from scenarios.equations import circle, depth_quality_pct, err_pct, error_pct, plane_normal, radius_closeness_pct
 from scenarios.matching import false_calls, match
 from scenarios.oracle import oracle_err_pct
+from sensor_model.bent_light import shown_places
 from sensor_model.geometry import fisheye_rays, twist_about_z_rad, wrap_rad
+from sensor_model.optics import Optics
 from sensor_model.rig import Rig
 from sensor_model.wall_rays import near_wall, wall_ranges_mm
+from sensor_model.ways import view_of
 from twin.features.base import Feature
 from twin.pipe import Pipe
 from twin.truth import Truth
 
 NEAR_DEFECT_MM = 5.0
 SAME_CLOCK_DEG = 0.01
+DRY_AIR = Optics()  # between sensor and wall: no glass, no water
 RIM_MM = 1.0  # neighbouring pixels whose ranges differ by more see two walls, one behind the other
 
 
@@ -112,6 +116,7 @@ class FrameTally:
     center_wall_mm: list[np.ndarray] = field(default_factory=list)
     normal: list[np.ndarray] = field(default_factory=list)
     normal_wall: list[np.ndarray] = field(default_factory=list)
+    optics: Optics = DRY_AIR
 
     @cached_property
     def outlines(self) -> Float[np.ndarray, "features 4"]:
@@ -124,7 +129,8 @@ def tally_frame(tally: FrameTally, result: FrameResult, T_true: Float[np.ndarray
     points = result.points
     if points.sigma_mm.size:
         tally.points += points.sigma_mm.size
-        tally.wrong += int(np.sum(true_slits(tally.pipe, tally.rig, points.pixel, T_true) != points.ring))
+        right = true_slits(tally.pipe, tally.rig, points.pixel, T_true, tally.optics) == points.ring
+        tally.wrong += int(np.sum(~right))
     if result.alignment.converged:
         T, bore = result.alignment.T_pipe_camera, tally.pipe.bore_radius_mm
         tally_shape(tally, *placed(points.xyz_mm, result.kept, T, tally.outlines, bore))
@@ -143,35 +149,48 @@ def tally_shape(tally: FrameTally, xyz_pipe_mm: Float[np.ndarray, "n 3"], walls:
         normals.append(plane_normal(xyz))
 
 
-def true_slits(pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]) -> np.ndarray:
+def true_slits(
+    pipe: Pipe,
+    rig: Rig,
+    pixel: Float[np.ndarray, "n 2"],
+    T_true: Float[np.ndarray, "4 4"],
+    optics: Optics = DRY_AIR,
+) -> np.ndarray:
     """The slit that a pixel really shows: its cone passes through the wall point there, give or take a slit's width.
+
+    By way of the glass tube and of standing water, where the optics have them: through its surface, not in its mirror.
 
     -1 where there is none: a shadow taken for a slit, or a pixel off the pipe. A pixel at a rim, where its neighbour
     shows a wall much nearer or further, shows either of them.
     """
-    slit, range_mm = _shown(pipe, rig, pixel, T_true)
+    slit, range_mm = _shown(pipe, rig, pixel, T_true, optics)
     for shift_px in (-1.0, 1.0):
         none = np.flatnonzero(slit < 0)
         if none.size == 0:
             break
         from_center = pixel[none] - [rig.camera.cx_px, rig.camera.cy_px]
         outward = from_center / np.maximum(np.linalg.norm(from_center, axis=1, keepdims=True), 1.0)
-        beside, there_mm = _shown(pipe, rig, pixel[none] + shift_px * outward, T_true)
+        beside, there_mm = _shown(pipe, rig, pixel[none] + shift_px * outward, T_true, optics)
         rim = np.abs(there_mm - range_mm[none]) > RIM_MM
         slit[none[rim]] = beside[rim]
     return slit
 
 
 def _shown(
-    pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"]
+    pipe: Pipe, rig: Rig, pixel: Float[np.ndarray, "n 2"], T_true: Float[np.ndarray, "4 4"], optics: Optics
 ) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n"]]:
     """The slit in each pixel, -1 for none, and the range of the wall there."""
     eye, projector = T_true[:3, 3], rig.projector
     rays_camera = fisheye_rays(pixel, rig.camera.intrinsics)
-    rays = rays_camera @ T_true[:3, :3].T
-    ranges = wall_ranges_mm(near_wall(pipe, float(eye[2])), tuple(eye.tolist()), rays)
+    wall = near_wall(pipe, float(eye[2]))
     axis = tuple(projector.T_camera_projector[:3, 2].tolist())
     ends_mm = pipe.start_mm - eye[2], pipe.end_mm - eye[2]
+    if optics.glass.thickness_mm > 0 or optics.water.depth_mm > 0:
+        aimed, along, ways_mm = shown_places(wall, view_of(pipe, T_true, rig, optics.glass, optics.water), rays_camera)
+        ones = np.ones(len(aimed))
+        return _slits_at(aimed, along, ones, projector.apex_mm, axis, projector.slit_tangents, ends_mm), ways_mm
+    rays = rays_camera @ T_true[:3, :3].T
+    ranges = wall_ranges_mm(wall, tuple(eye.tolist()), rays)
     slit = _slits_at(rays_camera, rays[:, 2], ranges, projector.apex_mm, axis, projector.slit_tangents, ends_mm)
     return slit, ranges
 

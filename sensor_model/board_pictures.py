@@ -14,8 +14,10 @@ from sensor_model.geometry import inverse
 from sensor_model.glass import tube_of
 from sensor_model.optics import Optics, light
 from sensor_model.rig import Rig
-from sensor_model.spot import View, aim, dimmed, dot, in_housing, light_spot, path_to, rows_of, sight_along
+from sensor_model.spot import aim, dimmed, light_spot
 from sensor_model.wall_rays import point_at
+from sensor_model.water import DRY
+from sensor_model.ways import View, dot, in_housing, path_to, rows_of, sight_along
 
 TEXEL_MM = 0.25
 SUBSAMPLES = 4  # to a side of each pixel
@@ -102,17 +104,18 @@ def draw_board(
         1e9,
         True,
         tube_of(optics.glass),
+        DRY,
     )
     picture = np.zeros(rays.shape, dtype=np.float32)
     # cached compiled code takes a plain array, whatever the sheet was made from
     sheet = np.ascontiguousarray(board.reflectance)
     _draw_board(sheet, board.corner_mm, board.bend_per_m, inverse(T_camera_board), view, light(rig.projector, optics),
-                np.array(optics.wall_reflectance), rays, rings, picture)  # fmt: skip
+                rig.projector.jag_table_rad, np.array(optics.wall_reflectance), rays, rings, picture)  # fmt: skip
     return picture
 
 
 @njit(cache=True, error_model="numpy")
-def _draw_board(sheet, corner, bend, T_board_camera, view, beam, white, rays, rings, picture):
+def _draw_board(sheet, corner, bend, T_board_camera, view, beam, jag_table_rad, white, rays, rings, picture):
     height, width, _ = rays.shape
     R, eye, straight = T_board_camera[:3, :3], T_board_camera[:3, 3].copy(), T_board_camera[:3, 3]
     for row in range(height):
@@ -138,7 +141,7 @@ def _draw_board(sheet, corner, bend, T_board_camera, view, beam, white, rays, ri
                 path = path_to(view, point)
                 spot = aim(view, beam, path, sight, range_mm, right, down, point, normal)
                 if spot.level > 0 and not in_housing(view, beam, path.aimed):
-                    light_spot(picture[row, col], beam, dimmed(spot, reflectance))
+                    light_spot(picture[row, col], beam, jag_table_rad, dimmed(spot, reflectance))
             else:
                 level = WHITE_LIGHT * reflectance * max(-dot(normal, direction), 0.0) * sight.passed
                 for c in range(3):

@@ -165,7 +165,7 @@ def mirrored(tube, origin, point):
     across, along = np.sqrt((x - o[0]) ** 2 + (y - o[1]) ** 2), p[2] - o[2]
     cosine = across / np.sqrt(across * across + along * along)
     whence = (p[0] - across * p[0] / rho, p[1] - across * p[1] / rho, o[2])
-    once = _reflected(cosine, 1.0 / tube.refraction)
+    once = reflected(cosine, 1.0 / tube.refraction)
     both = 2.0 * once / (1.0 + once)  # of both surfaces, to and fro within the glass
     seems = _from_tube(tube, (x, y, p[2]), True)
     return seems, _from_tube(tube, whence, True), tube.ghost * both * (1.0 - both)
@@ -202,11 +202,11 @@ def _bent(direction, nx, ny, eta):
         return direction, 0.0
     along = np.sqrt(inside2) - eta * cosine
     bent = (eta * direction[0] + along * nx, eta * direction[1] + along * ny, eta * direction[2])
-    return bent, 1.0 - _reflected(cosine, eta)
+    return bent, 1.0 - reflected(cosine, eta)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _reflected(cosine, eta):
+def reflected(cosine, eta):
     """Fresnel's share of unpolarised light that a surface mirrors; `eta` is the index before over that behind."""
     behind = np.sqrt(max(1.0 - eta * eta * (1.0 - cosine * cosine), 0.0))
     across = (eta * cosine - behind) / (eta * cosine + behind)

@@ -23,7 +23,11 @@ TONES = 1 << 16
 
 
 def expose(
-    linear_rgb: Float[np.ndarray, "h w 3"], optics: Optics, rng: np.random.Generator, camera: Camera
+    linear_rgb: Float[np.ndarray, "h w 3"],
+    optics: Optics,
+    rng: np.random.Generator,
+    camera: Camera,
+    nearness_per_mm: Float[np.ndarray, "h w"] | None = None,
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The stored picture, RGB.
 
@@ -32,17 +36,27 @@ def expose(
         optics: The settings of lens, air and chip; with both noises zero, `rng` is left alone.
         rng: The source of noise, one stream for one picture.
         camera: Tells how far off the axis a pixel looks, for defocus and inter-reflection.
+        nearness_per_mm: One over the wall's distance, which `focus_mm` asks for: `focus.nearness_per_mm` gives it.
+
+    Raises:
+        ValueError: when the optics blur by distance, and there is none.
     """
+    if optics.focus_mm > 0 and optics.defocus_px > 0 and nearness_per_mm is None:
+        raise ValueError(f"focus_mm is {optics.focus_mm:g}, and the wall's distance is not known here")
     linear = seen_through(np.ascontiguousarray(linear_rgb, dtype=np.float32), optics.dirt, camera)
     haze = 1 - (1 - optics.haze) * (1 - optics.dirt.film) if optics.dirt.film > 0 else optics.haze
     noisy = optics.shot_noise > 0 or optics.read_noise > 0
     noise = rng.standard_normal(linear.shape, dtype=np.float32) if noisy else np.zeros((1, 1, 3), dtype=np.float32)
     blurred = cv2.GaussianBlur(linear, (0, 0), optics.defocus_px) if optics.defocus_px > 0 else linear
+    blur_share = _blur_share(optics, camera)
+    if optics.focus_mm > 0 and nearness_per_mm is not None:
+        share = np.minimum((np.float32(optics.focus_mm) * nearness_per_mm - 1) ** 2, 1)
+        blurred, blur_share = linear + share[..., None] * (blurred - linear), np.ones_like(blur_share)
     stored = np.empty(linear.shape, dtype=np.uint8)
     _finish(
         linear,
         blurred,
-        _blur_share(optics, camera),
+        blur_share,
         inter_reflection(linear, optics, camera),
         _veil(linear) if haze > 0 else np.zeros((1, 1, 3), dtype=np.float32),
         noise,

@@ -15,6 +15,7 @@ from sensor_model.glass import Glass
 from sensor_model.processing import Processing
 from sensor_model.rig import Projector, load_settings
 from sensor_model.settings import Settings
+from sensor_model.water import Water
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Channels = tuple[Share, Share, Share]
@@ -69,6 +70,7 @@ class Optics(Settings):
     """How many such shifts there are around the slide; between them an edge goes straight."""
 
     glass: Glass = Glass()
+    water: Water = Water()
     wall: AnyWall = WallFinish()
     """Or the name of a wall, which sets `wall_reflectance` too."""
     lamp_level: NonNegative = 1.0
@@ -83,6 +85,11 @@ class Optics(Settings):
     """Blur (standard deviation) at the far end of the picture's depth range; none at the focused depth."""
     focus_deg: NonNegative = 45.0
     """Angle from the optical axis at which a bore is in focus."""
+    focus_mm: NonNegative = 0.0
+    """Distance at which the wall is in focus: blur then goes with |1 / distance - 1 / focus|, up to `defocus_px`.
+
+    0: by the angle alone and `focus_deg`, as if the camera were on the axis of a round bore.
+    """
     color_bleed: Share = 0.18
     """Share of each channel that comes from the other two."""
     exposure: Annotated[float, Field(gt=0)] = 1.4

@@ -11,17 +11,21 @@ from jaxtyping import Float, Int
 from numba import njit
 from pydantic import BeforeValidator, Field
 
-from sensor_model.geometry import apply, fisheye_pixel, inverse, jag_rad, lens_of, wrap_rad
-from sensor_model.glass import ORIGIN, Glass, aimed_at, beyond, check_inside, tube_of
+from sensor_model.bent_light import seen_ends
+from sensor_model.geometry import fisheye_pixel, jag_rad, lens_of, wrap_rad
+from sensor_model.glass import ORIGIN, Glass
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Projector, Rig, load_settings
 from sensor_model.settings import Settings
 from sensor_model.slide_print import slit_shifts
 from sensor_model.wall_rays import in_shadow, is_hole, near_wall, point_at, wall_ranges_mm
+from sensor_model.water import Water
+from sensor_model.ways import View, view_of
 from twin.pipe import Pipe
 
 NOISES = Path(__file__).parent / "point_noises"
 LEAST_SIGMA_PX = 0.01
+NO_GLASS, NO_WATER = Glass(), Water()
 Each = Annotated[tuple[Annotated[float, Field(ge=-5, le=5)], ...], Field(max_length=64)]
 
 
@@ -125,12 +129,17 @@ def see_slits(
     rig: Rig,
     noise: PointNoise,
     rng: np.random.Generator,
-    glass: Glass | None = None,
+    glass: Glass = NO_GLASS,
+    water: Water = NO_WATER,
 ) -> SlitPixels:
     """Where the camera sees each slit: light from the apex to its first wall point, and from there to the camera.
 
     Lost: the strut's sector, what the rim of a defect hides from projector or camera, holes, what falls outside the
-    picture, and drop-outs. A glass tube bends the light on both ways.
+    picture, and drop-outs. A glass tube bends the light on both ways, and so does standing water, of which only what
+    is seen through its surface is delivered: no mirror images, and none of the tube's ghosts.
+
+    Raises:
+        ValueError: when there is glass or water and the sensor does not fit into the one, or is in the other.
     """
     light, camera = fan(rig.projector, noise.azimuths, noise.slide_jag_deg, noise.slide_jag_cells), rig.camera
     noise_px, bias_px, drop_out_share, sigma_px = noise.of_slits(len(rig.projector.slits))
@@ -138,8 +147,9 @@ def see_slits(
     # drawn for all, so that draws do not depend on sight
     kept = rng.random(light.places) >= drop_out_share[of_place]
     jitter_px = rng.standard_normal(light.places) * noise_px[of_place] + bias_px[of_place]
-    if glass is not None and glass.thickness_mm > 0:
-        pixel, slit = _seen_through_glass(pipe, T_pipe_camera, rig, light, kept, jitter_px, glass)
+    if glass.thickness_mm > 0 or water.depth_mm > 0:
+        view = view_of(pipe, T_pipe_camera, rig, glass, water)
+        pixel, slit = _seen_by_bent_light(pipe, view, rig, light, kept, jitter_px)
         return SlitPixels(pixel, slit, np.maximum(sigma_px, LEAST_SIGMA_PX)[slit])
     pixel, slit = _seen(
         near_wall(pipe, float(T_pipe_camera[2, 3])),
@@ -177,40 +187,19 @@ def _seen(wall, pipe, T_pipe_camera, apex, light, kept, jitter_px, intrinsics, c
     return _pictured(light, seen, ranges, jitter_px, apex, intrinsics, corner)
 
 
-def _seen_through_glass(
-    pipe: Pipe,
-    T_pipe_camera: np.ndarray,
-    rig: Rig,
-    light: Fan,
-    kept: np.ndarray,
-    jitter_px: np.ndarray,
-    glass: Glass,
+def _seen_by_bent_light(
+    pipe: Pipe, view: View, rig: Rig, light: Fan, kept: np.ndarray, jitter_px: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`_seen` by way of the glass: each ray has its own origin, and the wall seems to lie elsewhere."""
-    check_inside(pipe, T_pipe_camera, rig, glass)
-    tube, camera = tube_of(glass), rig.camera
-    starts, onward = beyond(tube, rig.projector.apex_mm, light.rays_camera)
-    wall, rays = near_wall(pipe, float(T_pipe_camera[2, 3])), onward @ T_pipe_camera[:3, :3].T
-    points = _ends_mm(wall, apply(T_pipe_camera, starts), rays)
-    seen = (points[:, 2] >= pipe.start_mm) & (points[:, 2] <= pipe.end_mm) & kept[light.place]
-    seen &= ~in_shadow(wall, points, tuple(T_pipe_camera[:3, 3].tolist()))
+    """`_seen` by way of glass and water: each ray has its own origin, and the wall seems to lie elsewhere."""
+    camera = rig.camera
+    wall = near_wall(pipe, view.eye[2])
+    ends, seems, ranges, seen = seen_ends(wall, view, rig.projector.apex_mm, light.rays_camera)
+    seen &= (ends[:, 2] >= pipe.start_mm) & (ends[:, 2] <= pipe.end_mm) & kept[light.place]
     if not pipe.backed:
-        seen &= ~is_hole(wall, points[:, 0], points[:, 1])
-    apparent = aimed_at(tube, ORIGIN, apply(inverse(T_pipe_camera), points))
-    ranges = np.linalg.norm(apparent, axis=1)
-    as_seen = light._replace(rays_camera=apparent / ranges[:, None])
+        seen &= ~is_hole(wall, ends[:, 0], ends[:, 1])
+    as_seen = light._replace(rays_camera=seems)
     corner = (camera.width_px - 1, camera.height_px - 1)
     return _pictured(as_seen, seen, ranges, jitter_px, ORIGIN, camera.intrinsics, corner)
-
-
-@njit(cache=True, error_model="numpy")
-def _ends_mm(wall, origins, rays):
-    """Where each of (n, 3) rays of its own origin meets the wall."""
-    out = np.empty_like(rays)
-    for i in range(rays.shape[0]):
-        origin = (origins[i, 0], origins[i, 1], origins[i, 2])
-        out[i] = origins[i] + wall_ranges_mm(wall, origin, rays[i : i + 1])[0] * rays[i]
-    return out
 
 
 @njit(cache=True, error_model="numpy")

@@ -38,6 +38,24 @@ class Sensing(Settings):
     timing: Timing = Timing()
 
 
+def without_effect(sensing: Sensing) -> str:
+    """Which optics are stated, but only pictures show them: a sentence for whoever asked for `points`, else nothing."""
+    if sensing.fidelity != "points":
+        return ""
+    default, optics = Optics(), sensing.optics
+    unseen = [
+        name
+        for name in Optics.model_fields
+        if name not in ("glass", "water") and getattr(optics, name) != getattr(default, name)
+    ]
+    if not unseen:
+        return ""
+    return (
+        f"sensing.fidelity points draws no picture, so these of sensing.optics have no effect: {', '.join(unseen)}; "
+        "of the light it knows glass and water, and the rest by sensing.points alone"
+    )
+
+
 def sense(
     truth: Truth,
     true_rig: Rig,
@@ -87,25 +105,26 @@ def write_frame(
     file: Path,
 ) -> None:
     """Make one frame and write it: a PNG, exposed while the camera is at each of these poses, or the slit pixels."""
+    middle = T_pipe_camera[len(T_pipe_camera) // 2]
+    optics = sensing.optics
     if sensing.fidelity == "points":
-        middle = T_pipe_camera[len(T_pipe_camera) // 2]
-        seen = see_slits(pipe, middle, rig, sensing.points, stream(seed, "points", index), sensing.optics.glass)
-        write_slit_pixels(file, seen)
+        rng = stream(seed, "points", index)
+        write_slit_pixels(file, see_slits(pipe, middle, rig, sensing.points, rng, optics.glass, optics.water))
         return
     from sensor_model.daylight import daylight
+    from sensor_model.focus import nearness_per_mm
     from sensor_model.image_formation import expose
 
     if sensing.fidelity == "picture":
         from sensor_model.drawing import draw
     else:
         from sensor_model.raycast import draw
-    optics = sensing.optics
     linear = np.stack([draw(pipe, pose, rig, optics) for pose in T_pipe_camera]).mean(axis=0)
     if optics.daylight.level > 0:
-        middle = T_pipe_camera[len(T_pipe_camera) // 2]
         time_s = index / sensing.frame_rate_hz
         linear += daylight(pipe, middle, rig.camera, optics.wall_reflectance, optics.daylight, time_s)
-    picture = expose(linear, optics, stream(seed, "picture", index), rig.camera)
+    nearness = nearness_per_mm(pipe, middle, rig.camera, optics)
+    picture = expose(linear, optics, stream(seed, "picture", index), rig.camera, nearness)
     file.write_bytes(png(picture))
 
 

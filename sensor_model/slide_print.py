@@ -1,4 +1,7 @@
-"""The slide's print: fixed shifts of the slits' edges along the azimuth, the same in every picture."""
+"""The slide's print: fixed shifts of the slits' edges along the azimuth, the same in every picture.
+
+Either made up edge by edge, as a setting of the optics says how large, or a rig's own, slit by slit, as calibrated.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +33,22 @@ def edge_shift(edge, azimuth, cells):
     cell = int(np.floor(place))
     part = place - cell
     return (1 - part) * hashed(edge, cell % cells) + part * hashed(edge, (cell + 1) % cells)
+
+
+@njit(cache=True, error_model="numpy")
+def slit_jag(table_rad, edge, azimuth):
+    """What a rig says that the slit of an edge has beyond its half angle: `geometry.jag_rad` of one place.
+
+    The first edge and the last are no slit's.
+    """
+    slits, cells = table_rad.shape
+    slit = (edge - 1) // 2
+    if edge == 0 or slit >= slits:
+        return 0.0
+    place = np.mod(azimuth / (2 * np.pi) * cells - 0.5, cells)
+    cell = int(np.floor(place))
+    part = place - cell
+    return (1 - part) * table_rad[slit, cell % cells] + part * table_rad[slit, (cell + 1) % cells]
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""What a pixel's piece of a lit surface throws back to the camera: the projector's bands, by way of any glass."""
+"""What a pixel's piece of a lit surface throws back to the camera: the projector's bands."""
 
 from __future__ import annotations
 
@@ -7,52 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sensor_model.glass import ORIGIN, Tube, mirrored, seems_at, through, towards
 from sensor_model.optics import REFERENCE_RANGE_MM
-from sensor_model.slide_print import edge_shift
+from sensor_model.slide_print import edge_shift, slit_jag
 from sensor_model.wall_rays import wrapped
+from sensor_model.ways import dot, turned
 
 BOX_PER_SIGMA = 3.4641016151377544  # width of a box with a standard deviation of one
 GRAZING = 0.05  # cosine below which a surface is taken to be seen no flatter
-Triple = tuple[float, ...]
-Rows = tuple[Triple, ...]
-
-
-class View(NamedTuple):
-    """Where camera and projector are, in the pipe frame; rows of `R_projector_pipe` are the projector's axes.
-
-    Tuples, as in `optics.Light`.
-    """
-
-    R_pipe_camera: Rows
-    eye: Triple
-    apex: Triple
-    R_projector_pipe: Rows
-    start: float
-    end: float
-    backed: bool
-    tube: Tube
-
-
-class Sight(NamedTuple):
-    """A pixel's ray in the pipe frame from where it goes straight: start, direction, mm before, share that passes."""
-
-    start: Triple
-    direction: Triple
-    before_mm: float
-    passed: float
-
-
-class Path(NamedTuple):
-    """How light arrives at a place, pipe frame: where a straight line from the apex would have it, and from where.
-
-    `side` is -1 for light that comes by way of the far side of the tube, else 1.
-    """
-
-    aimed: Triple
-    source: Triple
-    passed: float
-    side: float
 
 
 class Spot(NamedTuple):
@@ -70,44 +31,17 @@ class Spot(NamedTuple):
     mirrored: float
 
 
-def rows_of(matrix: np.ndarray) -> Rows:
-    """A matrix as compiled code reads it here."""
-    return tuple(tuple(row) for row in matrix.tolist())
-
-
 @njit(cache=True, error_model="numpy", forceinline=True)
-def sight_along(view, direction):
-    """The sight of a pixel whose ray leaves the camera in a direction of the pipe frame."""
-    if not view.tube.is_there:
-        return Sight(view.eye, direction, 0.0, 1.0)
-    start, onward, passed = through(view.tube, ORIGIN, _back(view.R_pipe_camera, direction))
-    before_mm = np.sqrt(dot(start, start))
-    return Sight(_placed(view, start), _onward(view, onward), before_mm, passed)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def path_to(view, point):
-    """The light's way from the projector to a place."""
-    if not view.tube.is_there:
-        return Path(point, view.apex, 1.0, 1.0)
-    apex, place = _seen(view, view.apex), _seen(view, point)
-    direction, start, passed = towards(view.tube, apex, place)
-    return Path(_placed(view, seems_at(apex, place, direction)), _placed(view, start), passed, 1.0)
-
-
-@njit(cache=True, error_model="numpy")
-def ghost_to(view, point):
-    """The light's way by the far side of the tube."""
-    aimed, source, passed = mirrored(view.tube, _seen(view, view.apex), _seen(view, point))
-    return Path(_placed(view, aimed), _placed(view, source), passed, -1.0)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def light_spot(rgb, beam, spot):
-    """Add the light that a pixel's piece of a surface throws back."""
+def light_spot(rgb, beam, jag_table_rad, spot):
+    """Add the light that a pixel's piece of a surface throws back; the table is the rig's own jaggedness."""
     tangent, footprint, level = spot.tangent, spot.footprint, spot.level
-    if beam.jag_rad > 0:
-        tangent += _jag(beam, tangent, spot.azimuth) * (1 + tangent * tangent)
+    if beam.jag_rad > 0 or jag_table_rad.shape[1] > 0:
+        edge, shift = _nearest_edge(beam, tangent), 0.0
+        if beam.jag_rad > 0:
+            shift = beam.jag_rad * edge_shift(edge, spot.azimuth, beam.jag_cells)
+        if jag_table_rad.shape[1] > 0:  # a larger half angle is found further in
+            shift -= slit_jag(jag_table_rad, edge, spot.azimuth)
+        tangent += shift * (1 + tangent * tangent)
     spread = 0.0
     if beam.translucency > 0:
         spread = np.hypot(footprint, BOX_PER_SIGMA * beam.translucency_mm * spot.per_mm)
@@ -129,22 +63,6 @@ def light_spot(rgb, beam, spot):
 def _of_band(beam, band, tangent, footprint, level):
     begin, end = tangent - footprint / 2, tangent + footprint / 2
     return max(level * (min(end, beam.lit_to[band]) - max(begin, beam.lit_from[band])) / footprint, 0.0)
-
-
-@njit(cache=True, error_model="numpy")
-def turned(R, x, y, z):
-    """A matrix's rows times a triple."""
-    return (
-        R[0][0] * x + R[0][1] * y + R[0][2] * z,
-        R[1][0] * x + R[1][1] * y + R[1][2] * z,
-        R[2][0] * x + R[2][1] * y + R[2][2] * z,
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def dot(a, b):
-    """Scalar product of two triples."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -217,62 +135,13 @@ def _strut(beam, azimuth):
     return min(max(beyond / max(beam.strut_softness_rad, 1e-6) + 0.5, 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def in_housing(view, beam, point):
-    """Whether the light to a point crosses the camera's own plane within the housing."""
-    R = view.R_pipe_camera
-    apex_z, point_z = 0.0, 0.0
-    for i in range(3):
-        apex_z += R[i][2] * (view.apex[i] - view.eye[i])
-        point_z += R[i][2] * (point[i] - view.eye[i])
-    if apex_z >= 0 or point_z <= 0:
-        return False
-    part = apex_z / (apex_z - point_z)
-    radius2 = 0.0
-    for axis in range(2):
-        offset = 0.0
-        for i in range(3):
-            offset += R[i][axis] * (view.apex[i] + part * (point[i] - view.apex[i]) - view.eye[i])
-        radius2 += offset * offset
-    return radius2 < beam.housing_radius_mm**2
-
-
 @njit(cache=True, error_model="numpy")
-def _jag(beam, tangent, azimuth):
-    """Shift of the nearest slit edge at one azimuth, rad: fixed noise, joined linearly between cells of the slide."""
+def _nearest_edge(beam, tangent):
+    """Number of the slit edge nearest to a place of the slide."""
     nearest, edge = 1e9, 0
     for band in range(len(beam.lit_from)):
         if abs(tangent - beam.lit_from[band]) < nearest:
             nearest, edge = abs(tangent - beam.lit_from[band]), 2 * band
         if abs(tangent - beam.lit_to[band]) < nearest:
             nearest, edge = abs(tangent - beam.lit_to[band]), 2 * band + 1
-    return beam.jag_rad * edge_shift(edge, azimuth, beam.jag_cells)
-
-
-@njit(cache=True, error_model="numpy")
-def _back(R, v):
-    """R transposed times v."""
-    return (
-        R[0][0] * v[0] + R[1][0] * v[1] + R[2][0] * v[2],
-        R[0][1] * v[0] + R[1][1] * v[1] + R[2][1] * v[2],
-        R[0][2] * v[0] + R[1][2] * v[1] + R[2][2] * v[2],
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _seen(view, point):
-    """A place of the pipe frame in the camera's."""
-    eye = view.eye
-    return _back(view.R_pipe_camera, (point[0] - eye[0], point[1] - eye[1], point[2] - eye[2]))
-
-
-@njit(cache=True, error_model="numpy")
-def _onward(view, direction):
-    return turned(view.R_pipe_camera, direction[0], direction[1], direction[2])
-
-
-@njit(cache=True, error_model="numpy")
-def _placed(view, point):
-    """A place of the camera frame in the pipe's."""
-    eye, out = view.eye, _onward(view, point)
-    return (eye[0] + out[0], eye[1] + out[1], eye[2] + out[2])
+    return edge

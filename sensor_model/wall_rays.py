@@ -1,8 +1,8 @@
 """Straight lines in the pipe: where a ray meets the wall, and whether the wall stands between it and a place.
 
 For whoever follows rays: pictures, one pixel at a time; slit pixels and scoring, a frame at a time. Points and
-directions are triples in the pipe frame, directions of length 1; every ray begins nearer to the axis than the wall's
-smallest radius. In a bend that frame is the pipe's at the sensor, and the wall bends away from its z axis.
+directions are triples in the pipe frame, directions of length 1; every ray begins within the bore. In a bend that frame
+is the pipe's at the sensor, and the wall bends away from its z axis.
 """
 
 from __future__ import annotations
@@ -141,10 +141,10 @@ def stretch_mm(wall, origin, direction):
     radial2 = direction[0] ** 2 + direction[1] ** 2
     if radial2 < ALONG_AXIS:
         return -1.0, -1.0
-    return (
-        _leave_cylinder(origin, direction, radial2, wall.smallest_radius),
-        _leave_cylinder(origin, direction, radial2, wall.outer_radius),
-    )
+    last = _leave_cylinder(origin, direction, radial2, wall.outer_radius)
+    if origin[0] ** 2 + origin[1] ** 2 >= wall.smallest_radius**2:
+        return 0.0, last
+    return _leave_cylinder(origin, direction, radial2, wall.smallest_radius), last
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -182,6 +182,16 @@ def _plain_range_mm(wall, origin, direction, first):
         return first
     radial2 = direction[0] ** 2 + direction[1] ** 2
     return _leave_cylinder(origin, direction, radial2, wall.inner_radius)
+
+
+@njit(cache=True, error_model="numpy")
+def is_free(wall, origin, direction, range_mm):
+    """Whether a ray reaches a range before it meets the wall."""
+    x, y, _ = point_at(origin, direction, range_mm)
+    if x * x + y * y < wall.smallest_radius**2:
+        return True
+    first, last = stretch_mm(wall, origin, direction)
+    return first >= 0 and wall_range_mm(wall, origin, direction, first, last) > range_mm
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -118,7 +118,7 @@ def judge(scan: Scan, label: str, frames: Iterator[Registered]) -> Judged:
     Which points are false slits, and which lie on a defect, is told by the TRUE pose, alike for all methods.
     """
     pipe, nominal = scan.truth.pipe, scan.recording.pipe
-    tally = FrameTally(pipe, scan.scenario.true_rig or scan.scenario.rig)
+    tally = FrameTally(pipe, scan.scenario.true_rig or scan.scenario.rig, optics=scan.scenario.sensing.optics)
     errors = []
     for index, points, found, ms in frames:
         T_true = scan.T_true[index]

@@ -13,6 +13,7 @@ from algorithms.decoding.dips import find_dips
 from algorithms.decoding.lines import pixel_noise, polar_lines, radial_range_px
 from algorithms.decoding.settings import DecodeSettings
 from algorithms.robust import MAD_TO_SIGMA
+from sensor_model.focus import nearness_per_mm
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
 from sensor_model.raycast import draw
@@ -87,7 +88,9 @@ def twin_of(view: PipeView, rig: Rig, optics: Optics, rng: np.random.Generator) 
     """The twin's picture of a clean pipe of the same radius from the same place."""
     pipe = Pipe(inner_radius_mm=view.alignment.radius_mm, wall_thickness_mm=7.5)
     smooth = with_jag(rig, np.zeros((len(rig.projector.slits), 0)))
-    return expose(draw(pipe, view.alignment.T_pipe_camera, smooth, optics), optics, rng, rig.camera)
+    T_pipe_camera = view.alignment.T_pipe_camera
+    nearness = nearness_per_mm(pipe, T_pipe_camera, rig.camera, optics)
+    return expose(draw(pipe, T_pipe_camera, smooth, optics), optics, rng, rig.camera, nearness)
 
 
 def _radii(view: PipeView, rig: Rig, lines: int) -> Float[np.ndarray, "slits lines"]:

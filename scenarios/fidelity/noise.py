@@ -90,11 +90,13 @@ def errors_of_picture(scenario: Scenario, T_pipe_camera: Float[np.ndarray, "4 4"
     """Draw, expose and decode one picture, and hold every slit against its true places."""
     from algorithms.decode import decode
     from sensor_model.drawing import draw
+    from sensor_model.focus import nearness_per_mm
     from sensor_model.image_formation import expose
 
     rig, optics = scenario.true_rig or scenario.rig, scenario.sensing.optics
     linear = draw(scenario.pipe, T_pipe_camera, rig, optics)
-    picture = expose(linear, optics, stream(scenario.seed, "picture", number), rig.camera)
+    nearness = nearness_per_mm(scenario.pipe, T_pipe_camera, rig.camera, optics)
+    picture = expose(linear, optics, stream(scenario.seed, "picture", number), rig.camera, nearness)
     seen = decode(picture, rig, scenario.method.decode)
     clean = {
         "pixel_noise_px": 0.0,
@@ -103,11 +105,12 @@ def errors_of_picture(scenario: Scenario, T_pipe_camera: Float[np.ndarray, "4 4"
         "slide_jag_cells": optics.slide_jag_cells,
     }
     no_draws = np.random.default_rng(0)
-    true = see_slits(
-        scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=DENSE_AZIMUTHS, **clean), no_draws, optics.glass
-    )
-    lines = scenario.method.decode.azimuths
-    lit = see_slits(scenario.pipe, T_pipe_camera, rig, PointNoise(azimuths=lines, **clean), no_draws, optics.glass)
+
+    def exact(azimuths: int) -> SlitPixels:
+        noise = PointNoise(azimuths=azimuths, **clean)
+        return see_slits(scenario.pipe, T_pipe_camera, rig, noise, no_draws, optics.glass, optics.water)
+
+    true, lit = exact(DENSE_AZIMUTHS), exact(scenario.method.decode.azimuths)
     return [_errors(seen, true, lit, slit, rig) for slit in range(len(rig.projector.slits))]
 
 

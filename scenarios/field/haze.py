@@ -9,6 +9,7 @@ from algorithms.calibration.pipe_view import PipeView, view_pipe
 from algorithms.decode import DecodeSettings
 from algorithms.identification.estimate import Quantity, of_blocks
 from scenarios.calibration.look import look_of
+from sensor_model.focus import nearness_per_mm
 from sensor_model.image_formation import expose
 from sensor_model.optics import Optics
 from sensor_model.raycast import draw
@@ -33,14 +34,19 @@ def _of_slits(picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig:
     """Haze by each slit of one picture; not a number where the twin's slit is never as dark, or never as bright."""
     real = look_of(picture, view, rig).contrast_pct
     pipe = Pipe(inner_radius_mm=view.alignment.radius_mm, wall_thickness_mm=7.5)
-    drawn = draw(pipe, view.alignment.T_pipe_camera, rig, optics)
-    by_haze = np.array([_contrast(drawn, rig, optics, share) for share in TRIED])
+    T_pipe_camera = view.alignment.T_pipe_camera
+    drawn = draw(pipe, T_pipe_camera, rig, optics)
+    nearness = nearness_per_mm(pipe, T_pipe_camera, rig.camera, optics)
+    by_haze = np.array([_contrast(drawn, nearness, rig, optics, share) for share in TRIED])
     return [_crossed(column, float(one)) for column, one in zip(by_haze.T, real, strict=True)]
 
 
-def _contrast(drawn: np.ndarray, rig: Rig, optics: Optics, share: float) -> Float[np.ndarray, "slits"]:
+def _contrast(
+    drawn: np.ndarray, nearness: np.ndarray | None, rig: Rig, optics: Optics, share: float
+) -> Float[np.ndarray, "slits"]:
     """Contrast of the twin's slits in so much haze, at its own places: its slide is printed otherwise."""
-    stored = expose(drawn, optics.noiseless().model_copy(update={"haze": share}), np.random.default_rng(0), rig.camera)
+    hazy = optics.noiseless().model_copy(update={"haze": share})
+    stored = expose(drawn, hazy, np.random.default_rng(0), rig.camera, nearness)
     seen = view_pipe(stored, rig, DecodeSettings())
     return (
         look_of(stored, seen, rig).contrast_pct

@@ -15,6 +15,7 @@ from scenarios.report.wall_figures import stretches
 from scenarios.run import Run, Scan
 from sensor_model.geometry import clock_position
 from sensor_model.rig import Rig
+from sensor_model.sense import without_effect
 from twin.pipe import Pipe
 
 PAPER = (
@@ -210,6 +211,8 @@ def not_seen(run: Scan) -> list[str]:
     if weak:
         reasons = "; ".join(f"{count} x {reason}" for reason, count in weak.most_common(MOST_REASONS))
         said.append(f"{_count(sum(weak.values()), 'frame')} of {len(path.reason)} registered weakly: {reasons}.")
+    if isinstance(run, Run) and (unseen := without_effect(run.scenario.sensing)):
+        said.append(f"{unseen[0].upper()}{unseen[1:]}.")
     if isinstance(run, Run) and not run.truth.pipe.backed:
         said.append("The wall has no backing: a place that takes the whole wall returns no light and is not seen.")
     return said

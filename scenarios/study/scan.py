@@ -131,7 +131,11 @@ def _unpacked(parts: dict[str, np.ndarray], scenario: Scenario, truth: Truth) ->
     points, wrong = (int(n) for n in tally.pop("points"))
     rows = {name: list(part) for name, part in tally.items()}
     rig = scenario.true_rig or scenario.rig
-    return Trajectory(**path, reason=reason), WallMap(**of("wall_")), FrameTally(truth.pipe, rig, points, wrong, **rows)
+    return (
+        Trajectory(**path, reason=reason),
+        WallMap(**of("wall_")),
+        FrameTally(truth.pipe, rig, points, wrong, **rows, optics=scenario.sensing.optics),
+    )
 
 
 def _sizes(found: Reconstruction, truth: Truth) -> Sizes:

@@ -1,18 +1,30 @@
 #version 330 core
 // The projector's light on the wall: bands filtered over the pixel, strut, housing, fall-off and shadow.
-// SHADOWED, JAGGED, HOUSED, GLASS and FINISHED are defined where they matter: in software GL a branch not taken costs
+// SHADOWED, JAGGED, PRINTED, HOUSED, GLASS or WATER (either: BENT) and FINISHED are defined where they matter: in software GL a branch not taken costs
 // as if it were.
 const float PI = 3.14159265358979;
 
 in vec3 from_projector;
 in vec3 normal_projector;
 in vec3 world;
-#ifdef GLASS
+#ifdef BENT
 in vec3 wall_projector;
 in vec3 came;
 in vec2 passed;
+#endif
+#ifdef GLASS
 in vec3 ghost_projector;
 in vec3 ghost_came;
+#endif
+#ifdef WATER
+in vec3 sight_from;
+in vec3 water_projector_place;
+in vec3 water_came;
+in vec3 bounces;
+in float water_passed;
+uniform vec4 water_projector;       // surface: upward normal, how far along that it lies
+uniform vec4 water_world;
+uniform float bore_radius;          // the water lies within
 #endif
 
 uniform sampler2D slide;            // by tangent of the half angle: light summed up to there (rgb), nearest edge (a)
@@ -27,6 +39,7 @@ uniform vec4 depth_range;           // shadow map: nearest, farthest, texels, bi
 uniform sampler2D shadow_map;
 uniform vec4 finish;                // gloss, its power, translucency, its spread in mm
 uniform vec3 unpainted;             // one over the wall's reflectance
+uniform sampler2D print;            // the rig's own jaggedness, rad (r): a row a slit, a column a cell of the azimuth
 
 out vec4 color;
 
@@ -53,9 +66,27 @@ vec3 summed_light(float tangent)
     return mix(texelFetch(slide, ivec2(texel, 0), 0).rgb, texelFetch(slide, ivec2(texel + 1, 0), 0).rgb, at - float(texel));
 }
 
+uint nearest_edge(float tangent)
+{
+    return uint(texelFetch(slide, ivec2(int(slide_place(tangent) + 0.5), 0), 0).a);
+}
+
+float slit_jag(float tangent, float azimuth)
+{
+    uint edge = nearest_edge(tangent);
+    ivec2 size = textureSize(print, 0);
+    int slit = int(edge + 1u) / 2 - 1;
+    if (slit < 0 || slit >= size.y) return 0.0;
+    float place = azimuth / (2.0 * PI) * float(size.x) - 0.5;
+    float cell = floor(place);
+    int first = int(cell) + size.x;
+    float here = texelFetch(print, ivec2(first % size.x, slit), 0).r;
+    return mix(here, texelFetch(print, ivec2((first + 1) % size.x, slit), 0).r, place - cell);
+}
+
 float jag(float tangent, float azimuth)
 {
-    uint edge = uint(texelFetch(slide, ivec2(int(slide_place(tangent) + 0.5), 0), 0).a);
+    uint edge = nearest_edge(tangent);
     float place = (azimuth / (2.0 * PI) + 0.5) * slide_cells;
     float cell = floor(place);
     return strut.w * mix(hashed(edge, uint(cell)), hashed(edge, uint(cell) + 1u), place - cell);
@@ -89,9 +120,17 @@ bool in_housing(vec3 place)
 }
 
 #ifdef FINISHED
-float mirrored_share(vec3 came, vec3 point, vec3 normal)
+vec3 eye()
 {
-    vec3 eye = -transpose(mat3(camera_projector)) * camera_projector[3].xyz;
+#ifdef WATER
+    return sight_from;
+#else
+    return -transpose(mat3(camera_projector)) * camera_projector[3].xyz;
+#endif
+}
+
+float mirrored_share(vec3 came, vec3 point, vec3 normal, vec3 eye)
+{
     vec3 look = normalize(point - eye), half_way = normalize(-normalize(came) - look);
     float facets = finish.x + (1.0 - finish.x) * pow(1.0 + dot(half_way, look), 5.0);
     float spread = 0.125 * (finish.y + 2.0) * pow(max(dot(half_way, normal), 0.0), finish.y);
@@ -99,15 +138,15 @@ float mirrored_share(vec3 came, vec3 point, vec3 normal)
 }
 #endif
 
-// `place` is where the wall seems to be, `came` how light comes to it, `side` -1 for light from the tube's far side
-vec3 thrown_back(vec3 place, vec3 came, float side, vec3 point, vec3 along_right, vec3 along_down)
+// `place` is where the wall seems to be, `came` how light comes to it, `side` -1 for light from the tube's far side,
+// `straight` whether it comes from the projector without a mirror
+vec3 thrown_back(vec3 place, vec3 came, float side, bool straight, vec3 point, vec3 normal, vec3 eye, vec3 along_right, vec3 along_down)
 {
     vec3 dark = vec3(0.0);
     float across = length(place.xy);
     float tangent = across / place.z;
     if (place.z <= 0.0 || tangent < slide_range.z || tangent > slide_range.w) return dark;
     float range = length(place);
-    vec3 normal = normalize(normal_projector);
     float facing = -dot(normal, came) / length(came);
     if (facing <= 0.0) return dark;
     float azimuth = atan(place.x, -place.y);
@@ -122,16 +161,21 @@ vec3 thrown_back(vec3 place, vec3 came, float side, vec3 point, vec3 along_right
     if (in_housing(place)) return dark;
 #endif
 #ifdef SHADOWED
-    if (side > 0.0 && length(world.xy) > extent.x) visible *= lit(place);
+    if (straight && length(world.xy) > extent.x) visible *= lit(place);
 #endif
     vec3 gradient = vec3(side * place.xy / across, -tangent) / place.z;
     float footprint = max(length(vec2(dot(gradient, along_right), dot(gradient, along_down))), 1e-6);
+    float shift = 0.0, slope = 1.0 + tangent * tangent;
 #ifdef JAGGED
-    tangent += jag(tangent, azimuth) * (1.0 + tangent * tangent);
+    shift = jag(tangent, azimuth);
 #endif
+#ifdef PRINTED
+    shift -= slit_jag(tangent, azimuth);
+#endif
+    tangent += shift * slope;
     vec3 light = (summed_light(tangent + 0.5 * footprint) - summed_light(tangent - 0.5 * footprint)) / footprint;
 #ifdef FINISHED
-    vec3 mirror = light * unpainted * mirrored_share(came, point, normal);
+    vec3 mirror = light * unpainted * mirrored_share(came, point, normal, eye);
     float per_mm = sqrt(max(dot(gradient, gradient) - pow(dot(gradient, normal), 2.0), 0.0));
     float wide = length(vec2(footprint, 3.4641016 * finish.w * per_mm));
     vec3 under = (summed_light(tangent + 0.5 * wide) - summed_light(tangent - 0.5 * wide)) / wide;
@@ -140,20 +184,57 @@ vec3 thrown_back(vec3 place, vec3 came, float side, vec3 point, vec3 along_right
     return light * visible * pow(facing, falloff.y) * pow(falloff.z / range, falloff.x);
 }
 
+#ifdef WATER
+vec3 turned_over(vec3 way)
+{
+    return way - 2.0 * dot(water_projector.xyz, way) * water_projector.xyz;
+}
+#endif
+
 void main()
 {
     // derivatives first: they are undefined behind a branch
-#ifdef GLASS
+#ifdef BENT
     vec3 along_right = dFdx(wall_projector), along_down = dFdy(wall_projector);
 #else
     vec3 along_right = dFdx(from_projector), along_down = dFdy(from_projector);
 #endif
+    vec3 normal = normalize(normal_projector), from = vec3(0.0);
+#ifdef FINISHED
+    from = eye();
+#endif
     color = vec4(0.0, 0.0, 0.0, 1.0);
     if (length(world.xy) > extent.y || world.z < extent.z || world.z > extent.w) return;
-#ifdef GLASS
-    color.rgb = passed.x * thrown_back(from_projector, came, 1.0, wall_projector, along_right, along_down)
-        + passed.y * thrown_back(ghost_projector, ghost_came, -1.0, wall_projector, along_right, along_down);
+#ifdef WATER
+    vec3 by_water = vec3(0.0);
+    float above = dot(water_world.xyz, world) - water_world.w;
+#ifdef UNDER
+    if (above >= 0.0) discard;
 #else
-    color.rgb = thrown_back(from_projector, from_projector, 1.0, from_projector, along_right, along_down);
+#ifdef MIRRORED
+    if (above < 0.0) discard;
+#endif
+    color.a = above < 0.0 ? 0.0 : 1.0; // what is below the surface shows the water
+    if (above < 0.0) return;
+    vec3 image = wall_projector - 2.0 * (dot(water_projector.xyz, wall_projector) - water_projector.w) * water_projector.xyz;
+    vec3 from_image = from - 2.0 * (dot(water_projector.xyz, from) - water_projector.w) * water_projector.xyz;
+    if (length(bounces.xy) < bore_radius)
+        by_water = water_passed * thrown_back(water_projector_place, water_came, 1.0, false, image, turned_over(normal),
+            from_image, turned_over(along_right), turned_over(along_down));
+#endif
+#endif
+#ifdef BENT
+    color.rgb = passed.x * thrown_back(from_projector, came, 1.0, true, wall_projector, normal, from, along_right, along_down)
+#ifdef GLASS
+#ifndef UNDER
+        + passed.y * thrown_back(ghost_projector, ghost_came, -1.0, false, wall_projector, normal, from, along_right, along_down)
+#endif
+#endif
+#ifdef WATER
+        + by_water
+#endif
+        ;
+#else
+    color.rgb = thrown_back(from_projector, from_projector, 1.0, true, from_projector, normal, from, along_right, along_down);
 #endif
 }

@@ -105,6 +105,14 @@ def test_check_says_every_fault_on_stderr(tmp_path: Path) -> None:
     ]
 
 
+def test_check_says_which_optics_points_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = ("optics.dirt.film=0.2", "optics.focus_mm=100", "optics.water.depth_mm=5", "fidelity=points")
+    changes = [word for one in asked for word in ("--set", f"sensing.{one}")]
+    result = inside(monkeypatch, "check", "paper-gantry", *changes)
+    assert "no effect: dirt, focus_mm;" in result.stderr
+    assert not inside(monkeypatch, "check", "paper-gantry", *changes[:-2]).stderr
+
+
 def test_check_of_a_good_one(monkeypatch: pytest.MonkeyPatch) -> None:
     result = inside(monkeypatch, "check", "paper-gantry")
     assert (result.returncode, result.stderr) == (0, "")

@@ -11,7 +11,11 @@ from algorithms.types import Defect
 from scenarios.load import load_scenario
 from scenarios.matching import match
 from scenarios.score import MEANINGS, Score, placed, pose_errors, score, true_slits
+from sensor_model import raycast
 from sensor_model.geometry import apply, fisheye_project, fisheye_rays, half_angle_rad, wall_angle_rad, wrap_rad
+from sensor_model.glass import Glass
+from sensor_model.optics import Optics
+from sensor_model.water import Water
 from twin.pipe import Pipe
 
 
@@ -88,6 +92,26 @@ def test_wrong_words_are_seen(scan):
     center = np.array([rig.camera.cx_px, rig.camera.cy_px])
     between = center + (seen.pixel[seen.slit == 3] - center) * 1.06
     assert (true_slits(truth.pipe, rig, between, T) == -1).mean() > 0.9
+
+
+@pytest.mark.parametrize("water", [Water(), Water(depth_mm=15, absorption_per_m=0)], ids=["glass", "glass and water"])
+def test_the_slit_of_a_pixel_is_told_through_glass_and_water_as_the_ray_caster_draws_them(water):
+    rig, T = load_scenario("paper-gantry").rig, np.eye(4)
+    pipe = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
+    glass = Glass(thickness_mm=1.5, offset_mm=(1.0, -0.7), tilt_deg=(1.0, -0.5), ghost=0)
+    optics = Optics.ideal().model_copy(update={"glass": glass, "water": water})
+    picture = raycast.draw(pipe, T, rig, optics).max(axis=2)
+    v, u = (grid.ravel() for grid in np.mgrid[700:1200:3, 500:1164:3])
+    off_px = np.hypot(u - rig.camera.cx_px, v - rig.camera.cy_px)
+    u, v = u[(off_px > 240) & (off_px < 480)], v[(off_px > 240) & (off_px < 480)]  # between the first slit and the last
+    dark, pixel = picture[v, u] < 0.03, np.stack([u, v], axis=1).astype(float)
+    narrow = rig.projector.model_copy(update={"slit_width_deg": 0.6 * rig.projector.slit_width_deg})
+    scored = rig.model_copy(update={"projector": narrow})  # which tells slits to 1.2 of their own width
+    told = true_slits(pipe, scored, pixel, T, optics) >= 0
+    assert 0.03 < dark.mean() < 0.3
+    assert np.mean(told[dark]) > 0.99
+    assert np.mean(dark[told]) > 0.6
+    assert np.mean((true_slits(pipe, scored, pixel, T) >= 0)[dark]) < 0.95
 
 
 def test_true_slits_agree_with_plain_numpy(scan):

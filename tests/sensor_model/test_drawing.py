@@ -11,12 +11,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sensor_model import drawing, raycast
-from sensor_model.geometry import apply, fisheye_project, inverse, transform
-from sensor_model.glass import Glass, tube_of
+from sensor_model.geometry import apply, fisheye_project, inverse, jag_rad, transform
+from sensor_model.glass import Glass
 from sensor_model.optics import Optics, light, look
 from sensor_model.rig import Rig, preset_rig
-from sensor_model.spot import sight_along
 from sensor_model.wall_rays import inward_normal
+from sensor_model.water import Water
+from sensor_model.ways import sight_along, view_of
 from twin.features.pit import Pit
 from twin.features.pocket import Pocket
 from twin.features.scratch import Scratch
@@ -38,8 +39,18 @@ def pose(z_mm: float = 160.0) -> np.ndarray:
     return transform(Rotation.from_euler("xyz", [2, -1.5, 0], degrees=True).as_matrix(), np.array([4.0, -3.0, z_mm]))
 
 
-def ring_px(rig: Rig, T_pipe_camera: np.ndarray, half_angle: float, azimuth: np.ndarray) -> np.ndarray:
-    """Closed form: pixels where the cone of one half angle meets a plain cylinder."""
+def jagged(rig: Rig, cells: int) -> Rig:
+    """The rig with slits that wander by up to 0.3 degrees around the slide, each in its own way."""
+    around = np.arange(cells) / cells * 2 * np.pi
+    slits = [
+        slit.model_copy(update={"jag_deg": tuple((0.3 * np.sin(3 * around + number)).tolist())})
+        for number, slit in enumerate(rig.projector.slits)
+    ]
+    return rig.model_copy(update={"projector": rig.projector.model_copy(update={"slits": tuple(slits)})})
+
+
+def ring_px(rig: Rig, T_pipe_camera: np.ndarray, half_angle: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Closed form: pixels where the cone of a half angle, azimuth by azimuth, meets a plain cylinder."""
     T = T_pipe_camera @ rig.projector.T_camera_projector
     tangent = np.tan(half_angle)
     local = np.stack([tangent * np.sin(azimuth), -tangent * np.cos(azimuth), np.ones_like(azimuth)], axis=-1)
@@ -56,9 +67,12 @@ def crossing(profile: np.ndarray, offsets: np.ndarray) -> float:
     return float(np.interp(level, profile[i - 1 : i + 1], offsets[i - 1 : i + 1]))
 
 
-def slit_offsets_px(picture: np.ndarray, rig: Rig, T_pipe_camera: np.ndarray, half_angle: float) -> np.ndarray:
+def slit_offsets_px(picture: np.ndarray, rig: Rig, T_pipe_camera: np.ndarray, slit: int) -> np.ndarray:
     """Measured less true centre of one slit along many lines across it."""
     azimuth = np.radians(np.arange(25, 335, 2.0))
+    half_angle = np.full(azimuth.size, rig.projector.slit_half_angles_rad[slit])
+    if rig.projector.jag_table_rad.size:
+        half_angle += jag_rad(rig.projector.jag_table_rad, np.full(azimuth.size, slit), azimuth)
     true = ring_px(rig, T_pipe_camera, half_angle, azimuth)
     outward = ring_px(rig, T_pipe_camera, half_angle + 1e-4, azimuth) - true
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
@@ -71,11 +85,13 @@ def slit_offsets_px(picture: np.ndarray, rig: Rig, T_pipe_camera: np.ndarray, ha
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_slits_lie_where_the_closed_form_has_them(way: str) -> None:
-    rig = preset_rig()
+@pytest.mark.parametrize("rig", [preset_rig(), jagged(preset_rig(), 60)], ids=["smooth slide", "jagged slide"])
+def test_slits_lie_where_the_closed_form_has_them(way: str, rig: Rig) -> None:
     picture = WAYS[way](PLAIN, pose(), rig, Optics.ideal())
-    for half_angle in rig.projector.slit_half_angles_rad:
-        assert abs(slit_offsets_px(picture, rig, pose(), half_angle).mean()) < 0.05
+    for slit in range(len(rig.projector.slits)):
+        off_px = slit_offsets_px(picture, rig, pose(), slit)
+        assert abs(off_px.mean()) < 0.05
+        assert np.median(np.abs(off_px)) < 0.15
 
 
 @pytest.mark.parametrize(
@@ -116,6 +132,29 @@ def test_both_ways_give_the_same_picture(pipe: Pipe, optics: Optics, limit: floa
 def test_both_ways_agree_on_every_kind_of_wall(pipe: Pipe) -> None:
     drawn, cast = (draw(pipe, pose(), SMALL, Optics()) for draw in WAYS.values())
     assert np.sqrt(np.mean((drawn - cast) ** 2)) < 0.012
+
+
+def test_both_ways_draw_a_rigs_own_jagged_slide_and_the_optics_print_on_it() -> None:
+    rig = jagged(SMALL, 17)
+    drawn, cast = (draw(PLAIN, pose(), rig, Optics(slide_jag_deg=0.2)) for draw in WAYS.values())
+    assert np.sqrt(np.mean((drawn - cast) ** 2)) < 0.005
+    assert np.sqrt(np.mean((cast - raycast.draw(PLAIN, pose(), SMALL, Optics(slide_jag_deg=0.2))) ** 2)) > 0.02
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_light_falls_with_the_true_distance_from_the_projector(way: str) -> None:
+    far_off = transform(np.eye(3), np.array([25.0, -15.0, 160.0]))
+    even, fading = (
+        WAYS[way](PLAIN, far_off, SMALL, Optics.ideal().model_copy(update={"distance_power": power})).max(axis=2)
+        for power in (0.0, 2.0)
+    )
+    row, column = np.nonzero(even > 0.3)
+    rays = raycast.camera_rays(SMALL.camera)[row, column].astype(float)
+    a, b = (rays[:, :2] ** 2).sum(axis=1), rays[:, :2] @ far_off[:2, 3]
+    reach = (-b + np.sqrt(b * b - a * (far_off[:2, 3] @ far_off[:2, 3] - BORE_MM**2))) / a
+    range_mm = np.linalg.norm(reach[:, None] * rays - np.array(SMALL.projector.apex_mm), axis=1)
+    assert range_mm.max() / range_mm.min() > 2
+    np.testing.assert_allclose(fading[row, column] / even[row, column], (130.0 / range_mm) ** 2, rtol=2e-3)
 
 
 def test_a_scene_changed_and_changed_back_is_the_same() -> None:
@@ -171,7 +210,7 @@ def test_the_pocket_shades_its_own_floor_behind_the_rim() -> None:
 
 def test_the_ray_caster_finds_the_wall_that_plain_bisection_finds() -> None:
     rng = np.random.default_rng(0)
-    view = raycast._view(CARVED, pose(), preset_rig(), tube_of(Glass()))
+    view = view_of(CARVED, pose(), preset_rig(), Glass(), Water())
     beam = light(preset_rig().projector, Optics())
     compared = 0
     for _ in range(300):

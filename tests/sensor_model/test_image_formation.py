@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sensor_model.focus import nearness_per_mm
 from sensor_model.image_formation import _finish, _ring_exchange, expose
 from sensor_model.optics import Optics
 from sensor_model.rig import preset_rig
+from twin.pipe import Pipe
 
 SMALL = {"width_px": 416, "height_px": 308, "fx_px": 147.2, "fy_px": 147.1, "skew_px": 0.17}
 CAMERA = preset_rig().camera.model_copy(update={**SMALL, "cx_px": 204.1, "cy_px": 152.0})
@@ -88,6 +90,28 @@ def test_defocus_grows_away_from_the_focused_depth() -> None:
     stored = expose(spots, ideal(defocus_px=1.5), np.random.default_rng(0), CAMERA)
     assert stored[near_center][0] < 80
     assert stored[in_focus][0] > 240
+
+
+def test_defocus_by_distance_is_that_by_angle_on_the_axis_and_another_off_it() -> None:
+    pipe, focus_mm = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5), 76.2 / np.sin(np.radians(45))
+    by_angle, by_distance = ideal(defocus_px=3.0), ideal(defocus_px=3.0, focus_mm=focus_mm)
+
+    def nearness(shift_mm: float) -> np.ndarray | None:
+        T = np.eye(4)
+        T[0, 3] = shift_mm
+        return nearness_per_mm(pipe, T, CAMERA, by_distance)
+
+    def spread(shift_mm: float) -> np.ndarray:
+        spots = np.zeros((308, 416, 3), dtype=np.float32)
+        spots[152, [84, 324]] = 1  # at 9 and 3 o'clock, 45 degrees off the axis
+        return expose(spots, by_distance, np.random.default_rng(0), CAMERA, nearness(shift_mm))[152, [84, 324], 0]
+
+    on_axis = expose(rings(), by_distance, np.random.default_rng(0), CAMERA, nearness(0.0)).astype(int)
+    assert np.abs(on_axis - expose(rings(), by_angle, np.random.default_rng(0), CAMERA)).max() <= 1
+    assert spread(0.0).min() > 250
+    assert spread(25.0)[1] < 0.8 * 255  # the wall at 3 o'clock is near, and out of focus
+    with pytest.raises(ValueError, match=r"focus_mm is 107\.7.*distance is not known"):
+        expose(rings(), by_distance, np.random.default_rng(0), CAMERA)
 
 
 def test_color_bleed_mixes_channels_and_keeps_grey() -> None:
