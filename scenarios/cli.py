@@ -48,7 +48,7 @@ Changes = Annotated[
     typer.Option("--set", metavar="PATH=VALUE", help="Change one setting, as pipe.features.0.depth_mm=3; may repeat."),
 ]
 MethodFile = Annotated[
-    Path | None, typer.Option("--method", metavar="FILE", help="Measure by these settings, as `tune` writes them.")
+    Path | None, typer.Option("--method", metavar="METHOD", help="Measure by these: a file, or field.")
 ]
 
 

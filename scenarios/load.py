@@ -50,6 +50,7 @@ __all__ = [
 ]
 
 LIBRARY = Path(__file__).parent / "library"
+METHODS = Path(__file__).parent / "methods"
 TOLERANCE_MM = 1e-9
 MOST_LINES = 50
 WHEEL_TOLERANCE = 0.02
@@ -89,6 +90,31 @@ def library() -> dict[str, Path]:
     return {path.stem: path for path in sorted(LIBRARY.glob("*.yaml"))}
 
 
+def methods() -> dict[str, Path]:
+    """The files of method settings that come with pipetwin, by name."""
+    return {path.stem: path for path in sorted(METHODS.glob("*.yaml"))}
+
+
+def method_file(name_or_path: str | Path) -> Path:
+    """Where a method's settings are: those that come with pipetwin by name, others by their path."""
+    return methods().get(str(name_or_path), Path(name_or_path))
+
+
+def with_named_method(document: Document) -> Document:
+    """The document with the settings of the method that it names, if it does no more than that.
+
+    Raises:
+        BadInput: when there is none of that name.
+    """
+    name = document.data.get("method") if isinstance(document.data, dict) else None
+    if not isinstance(name, str):
+        return document
+    if name not in methods():
+        allowed = f"must be settings, or one of {', '.join(methods())}{nearest(name, list(methods()))}"
+        raise BadInput(fault_lines(document, [Fault(("method",), shown(name), allowed)]))
+    return with_part(document, "method", read_file(methods()[name], kind="method"))
+
+
 def load_scenario(
     name_or_path: str, changes: Sequence[str] = (), seed: int | None = None, method: Path | None = None
 ) -> Scenario:
@@ -97,9 +123,9 @@ def load_scenario(
     Raises:
         BadInput: with a line for every fault, `file:line:column: field.path: got VALUE; what is allowed`.
     """
-    document = read_scenario_file(name_or_path)
+    document = with_named_method(read_scenario_file(name_or_path))
     if method is not None:
-        document = with_part(document, "method", read_file(method, kind="method"))
+        document = with_part(document, "method", read_file(method_file(method), kind="method"))
     document = with_settings(document, changes)
     if seed is not None:
         document = with_settings(document, [f"seed={seed}"], flag="--seed")
@@ -129,6 +155,7 @@ def to_scenario(document: Document) -> Scenario:
     Raises:
         BadInput: with a line for every fault.
     """
+    document = with_named_method(document)
     data, missing = with_scan(_frozen(document.data), document.source)
     lines = document.faults
     faults: list[Fault] = []

@@ -31,7 +31,7 @@ def replay(
         Path | None, typer.Option("--pipe", metavar="FILE", help="What is known of the pipe.  [default: the log's own]")
     ] = None,
     method: Annotated[
-        Path | None, typer.Option("--method", metavar="FILE", help="Measure by these settings, as `tune` writes them.")
+        Path | None, typer.Option("--method", metavar="METHOD", help="Measure by these: a file, or field.")
     ] = None,
     topics: Annotated[
         Path | None,

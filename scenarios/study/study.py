@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypedDict
 from pydantic import Field
 
 from scenarios.document import BadInput, Document, Keys, dotted, nearest, read_file, shown, with_part, with_values
-from scenarios.load import Fault, checked, fault_lines, library, to_scenario
+from scenarios.load import Fault, checked, fault_lines, library, methods, to_scenario
 from scenarios.run_folder import whole_file
 from scenarios.score import MEANINGS
 from scenarios.study.design import DESIGNS, Design, Grid, Rows, point_count
@@ -260,7 +260,7 @@ def _method(document: Document, base: dict, path: Path, name: str, given: Any) -
     if given is None:
         given = {}
     if isinstance(given, str):
-        part = read_file(path.parent / given, kind="method")
+        part = read_file(methods().get(given, path.parent / given), kind="method")
         laid = with_part(Document(document.source, base, {}, {}), "method", part)
         return to_scenario(laid).model_dump(mode="json")["method"]
     if isinstance(given, dict):

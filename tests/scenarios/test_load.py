@@ -315,3 +315,17 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: object) -> None:
 def test_parts_that_do_not_fit_together_are_named(change: str, said: str) -> None:
     with pytest.raises(BadInput, match=said):
         load_scenario("paper-gantry", [change])
+
+
+def test_a_method_may_be_named(tmp_path):
+    """The library's own, in a scenario, on the command line and below a change; another name says which there are."""
+    field = load_scenario("field-dry")
+    assert field.method.map.cell_theta_deg == 0.5
+    changed = load_scenario("field-dry", ["method.map.cell_z_mm=2"])
+    assert changed.method == field.method.model_copy(update={"map": changed.method.map})
+    assert (changed.method.map.cell_theta_deg, changed.method.map.cell_z_mm) == (0.5, 2.0)
+    assert load_scenario("paper-gantry", method=Path("field")).method == field.method
+    assert load_scenario("paper-gantry", ["method=field"]).method == field.method
+    (tmp_path / "mine.yaml").write_text((library()["field-dry"]).read_text().replace("method: field", "method: fild"))
+    with pytest.raises(BadInput, match=r"mine.yaml:\d+:9: method: got 'fild'; must be settings, or one of field; did"):
+        load_scenario(str(tmp_path / "mine.yaml"))

@@ -94,7 +94,9 @@ def off_the_slits_px(picture: np.ndarray, pixel: np.ndarray) -> float:
 def test_slit_pixels_lie_in_the_slits_of_the_picture() -> None:
     glass = LEANING.model_copy(update={"ghost": 0.0})
     picture = raycast.draw(PLAIN, np.eye(4), preset_rig(), Optics.ideal().model_copy(update={"glass": glass}))
-    seen, bare = (see_slits(PLAIN, np.eye(4), preset_rig(), EXACT, np.random.default_rng(0), g) for g in (glass, Glass()))
+    seen, bare = (
+        see_slits(PLAIN, np.eye(4), preset_rig(), EXACT, np.random.default_rng(0), g) for g in (glass, Glass())
+    )
     for slit in range(5):
         assert abs(off_the_slits_px(picture.sum(axis=2), seen.pixel[seen.slit == slit])) < 0.1
         assert abs(off_the_slits_px(picture.sum(axis=2), bare.pixel[bare.slit == slit])) > 0.5
