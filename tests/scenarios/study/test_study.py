@@ -178,7 +178,7 @@ methods: {default: {}, coarse: {map.cell_z_mm: 5}}
     assert (oval.name, oval.pipe.ovality_pct, oval.sensing.fidelity) == ("field-oval", 1.0, "points")
     assert (oval.method.map.cell_z_mm, oval.sensing.points.pixel_noise_px) == (5.0, 0.2)
     assert scratched.method.map.cell_theta_deg == 0.25  # its own method, which is not the base's
-    assert made[("field-dry", 0.1), "default"].method.map.cell_theta_deg == 1.0
+    assert made[("field-dry", 0.1), "default"].method.map.cell_theta_deg == 0.5
     # what a worker gets travels as JSON
     scenes = json.loads(json.dumps(recipe.scenes))
     other = Recipe(recipe.base, recipe.paths, recipe.methods, recipe.record, "code", scenes)
