@@ -111,17 +111,21 @@ def test_boards_that_disagree_widen_what_is_stated():
 
 
 def test_more_poses_leave_less_error_and_the_curve_says_from_where():
-    seen_boards = _seen(np.random.default_rng(6), np.linspace(120, 290, 7), corner_px=0.3)
-    fit = _fit(seen_boards)
-    for true in (RIG, None):
-        curve = pose_curve(seen_boards.sights(LENS), fit, RIG, true, np.random.default_rng(0))
-        assert curve.poses == (3, 4, 6, 7)
-        first, last = (np.array(curve.nine_of_ten[k]) for k in (0, -1))
-        assert (last[:3] < first[:3]).all()
-        assert np.exp(np.mean(np.log(last[:3] / first[:3]))) < 0.8
-        needed = curve.needed["half_angle_deg"]
-        assert needed in curve.poses
-        assert curve.nine_of_ten[curve.poses.index(needed)].half_angle_deg <= LIMITS.half_angle_deg
+    """Over three sessions: in one, three boards may do as well as seven by chance."""
+    shrunk: dict[bool, list[np.ndarray]] = {True: [], False: []}
+    for seed in (6, 7, 8):
+        seen_boards = _seen(np.random.default_rng(seed), np.linspace(120, 290, 7), corner_px=0.3)
+        fit, sights = _fit(seen_boards), seen_boards.sights(LENS)
+        for true in (RIG, None):
+            curve = pose_curve(sights, fit, RIG, true, np.random.default_rng(0))
+            assert curve.poses == (3, 4, 6, 7)
+            first, last = (np.array(curve.nine_of_ten[k][:3]) for k in (0, -1))
+            shrunk[true is not None].append(np.log(last / first))
+            needed = curve.needed["half_angle_deg"]
+            assert needed in curve.poses
+            assert curve.nine_of_ten[curve.poses.index(needed)].half_angle_deg <= LIMITS.half_angle_deg
+    for ratios in shrunk.values():
+        assert np.exp(np.mean(ratios)) < 0.8
     assert off_from(RIG, RIG) == (0, 0, 0, pytest.approx(0, abs=1e-9))
 
 
