@@ -10,7 +10,7 @@ import numpy as np
 
 from scenarios.fidelity.agreed import compared_on
 from scenarios.plan.findings import Tolerance, false_calls, seen_share_pct
-from scenarios.plan.result import Result, not_covered, settings_hash
+from scenarios.plan.result import Result, contradicted, not_covered, settings_hash
 from scenarios.provenance import versions
 from scenarios.report.canvas import BLUE, SERIES, VERMILION, Picture, drawing, to_picture
 from scenarios.run_folder import whole_file
@@ -45,7 +45,7 @@ def write_page(file: Path, result: Result) -> None:
     verdict = {
         "go": "GO: every limit is shown to be kept.",
         "no go": "NO GO: at least one limit is broken.",
-        "open": "OPEN: no limit is broken, but not all are shown to be kept; more scans would tell.",
+        "open": "OPEN: no limit is broken, but not all are shown to be kept.",
         "no limits": "No limits were stated: the figures decide nothing.",
     }[result.decision]
     if result.extrapolated:
@@ -60,10 +60,11 @@ def limits(result: Result) -> str:
     if not result.kept:
         return "<p>None were stated.</p>"
     head = cells("th", ["limit", "asked", "found", "with confidence", "verdict"])
-    rows = "".join(
-        cells("td", [one.limit, f"{one.asked:g}", _number(one.found), _number(one.bound), one.decision])
-        for one in result.kept
-    )
+    broken, rows = contradicted(result.confirmed, result.plan.file.share), ""
+    for one in result.kept:
+        contradicts = one.decision == "open" and one.limit in broken
+        verdict = "open: pictures break the promise, see below" if contradicts else one.decision
+        rows += cells("td", [one.limit, f"{one.asked:g}", _number(one.found), _number(one.bound), verdict])
     return table(head, rows, "A limit is kept when even the bound keeps it, and broken when the estimate does not.")
 
 

@@ -146,9 +146,14 @@ def _changes(plan: Plan, scans: Scans, without: Scans, few: int) -> dict[str, Me
     return changed
 
 
+def contradicted(confirmed: list[Confirmed], share: float) -> set[str]:
+    """What fresh pictures show to be promised too much of."""
+    return {one.what for one in confirmed if one.inside.high < share}
+
+
 def withheld(kept: list[Kept], confirmed: list[Confirmed], share: float) -> list[Kept]:
     """The limits, open again where pictures show that the promise which would keep them does not hold."""
-    broken = {one.what for one in confirmed if one.inside.high < share}
+    broken = contradicted(confirmed, share)
     return [replace(row, decision="open") if row.decision == "go" and row.limit in broken else row for row in kept]
 
 
