@@ -23,6 +23,7 @@ SHADOW_BIAS_MM = 0.25
 SHADED_BEYOND_MM = 0.02  # the bore, being convex, shades nothing
 NEAREST_MM = 1.0
 HOLE_MM = 0.05
+LEAST_CROP = 0.01  # half of its side, as a tangent
 BENT_MARGIN_MM = 25.0
 BENDS_PER_MM, GLASS_REACH = 0.03, 3.0  # of glass: how far light is moved in tangent, at most, and in mm along the pipe
 WATER_BENDS_PER_MM = 0.004  # of depth, likewise
@@ -99,7 +100,7 @@ def shadow_crop(
     low = np.maximum(tangents[seen].min(axis=0), -reach)
     high = np.minimum(tangents[seen].max(axis=0), reach)
     bends = BENDS_PER_MM * optics.glass.thickness_mm + WATER_BENDS_PER_MM * optics.water.depth_mm
-    half = float(max(high - low) / 2) * 1.05 + bends
+    half = max(float(max(high - low) / 2) * 1.05 + bends, LEAST_CROP)  # one corner alone may be in reach
     middle = (low + high) / 2
     return (
         float(middle[0]),

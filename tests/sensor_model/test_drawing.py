@@ -15,6 +15,7 @@ from sensor_model.geometry import apply, fisheye_project, inverse, jag_rad, tran
 from sensor_model.glass import Glass
 from sensor_model.optics import Optics, light, look
 from sensor_model.rig import Rig, preset_rig
+from sensor_model.shader_inputs import shadow_crop
 from sensor_model.wall_rays import inward_normal
 from sensor_model.water import Water
 from sensor_model.ways import sight_along, view_of
@@ -273,3 +274,17 @@ for z in np.linspace(0, end - 300, 12):
     draw(pipe, T, preset_rig(), Optics())
 print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')))
 """
+
+
+def test_a_feature_that_the_light_hardly_reaches_has_a_shadow_map_too():
+    """Wherever the camera is on its way to a pocket, what may be shaded has some size."""
+    rig, optics = preset_rig(), Optics()
+    tangent = light(rig.projector, optics).lit_to[-1]
+    halves = []
+    for z_mm in np.arange(100.0, 320.0, 0.25):
+        T_projector_pipe = inverse(pose(z_mm) @ rig.projector.T_camera_projector)
+        crop = shadow_crop(CARVED, [0], z_mm, T_projector_pipe, tangent, optics)
+        halves += [] if crop is None else [crop[2]]
+    assert len(halves) > 100
+    assert min(halves) >= 0.01
+    assert sorted(halves)[0] < 1.5 * 0.01  # and there are places where that decides
