@@ -35,11 +35,8 @@ from sensor_model.recording import open_recording
 from sensor_model.rig import Rig
 
 NORMAL_95 = 1.96
-MOST_DIRECTIONS, MOST_NAMED, NAMED = (
-    4,
-    6,
-    0.25,
-)  # of a direction: what moves by less than this share of its own is not named
+MOST_DIRECTIONS, MOST_NAMED = 4, 6
+NAMED = 0.25  # of a direction: what moves by less than this share of its own is not named
 
 
 class Known(NamedTuple):
