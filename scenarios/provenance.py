@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,11 @@ def versions() -> dict[str, Any]:
         "git_commit": _git("rev-parse", "HEAD"),
         "git_changed": None if changed is None else bool(changed),
     }
+
+
+def write_versions(folder: Path) -> None:
+    """Write them as the `run.json` of a folder."""
+    (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
 
 
 def _git(*words: str) -> str | None:

@@ -11,7 +11,7 @@ from scenarios.scenario import Scenario
 from sensor_model.points import point_noise
 
 FOLDER = Path(__file__).parent / "agreed"
-PICTURE, POINTS = "picture", "points"
+PICTURE = "picture"
 
 
 def trusts(scene: Scenario, score: str) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scenarios.document import BadInput
+from scenarios.fidelity.agreed import PICTURE
 from scenarios.provenance import versions
 from scenarios.run_folder import whole_file
 from scenarios.study.conduct import How, conduct, opened
@@ -20,7 +21,6 @@ from scenarios.study.gather import mean_of
 from scenarios.study.ledger import DONE, STATES
 from scenarios.study.study import save_study
 
-REFERENCE = "picture"
 SPREADS = 2.0  # within so many standard deviations from seed to seed, a seed does more than the fidelity
 SHORTEST_S = 1e-3
 NEVER_COMPARED = {"ms_per_frame"}
@@ -72,17 +72,17 @@ def compare(
     found: list[Compared] = []
     costs: list[Cost] = []
     for base in bases:
-        study, folder = _study(base, [*fidelities, REFERENCE], seeds, noise, out)
+        study, folder = _study(base, [*fidelities, PICTURE], seeds, noise, out)
         say(f"{base}: {len(fidelities) + 1} fidelities x {seeds} seeds")
         conduct(study, folder, how, progress, say)
         names, scores, seconds = _scores(folder)
         for fidelity in fidelities:
             found += [
-                _compared(base, fidelity, name, scores[fidelity][:, k], scores[REFERENCE][:, k])
+                _compared(base, fidelity, name, scores[fidelity][:, k], scores[PICTURE][:, k])
                 for k, name in enumerate(names)
                 if name not in NEVER_COMPARED
             ]
-            costs.append(Cost(base, fidelity, seconds[fidelity], seconds[REFERENCE] / seconds[fidelity]))
+            costs.append(Cost(base, fidelity, seconds[fidelity], seconds[PICTURE] / seconds[fidelity]))
     _write(out, found, costs, noise)
     write_page(out / "fidelity.html", found, costs, noise)
     return found, costs

@@ -10,7 +10,7 @@ import numpy as np
 
 from scenarios.document import BadInput
 from scenarios.field.match import SAME_BORE_MM, SEEN_ENOUGH, SIZES, Matching, match_runs, table, words
-from scenarios.provenance import versions
+from scenarios.provenance import write_versions
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import BLUE, VERMILION, Picture, drawing, to_picture
 from scenarios.report.plain_rows import write_rows
@@ -37,7 +37,7 @@ def write_match(before: Path, after: Path, out: Path) -> Matching:
         write_rows(table(found), folder / "match")
         (folder / "match.json").write_text(json.dumps(figures(found), indent=1, allow_nan=False) + "\n")
         (folder / "report.html").write_text(_page(found), encoding="utf-8")
-        (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
+        write_versions(folder)
     return found
 
 

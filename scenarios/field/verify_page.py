@@ -8,7 +8,7 @@ from typing import Any
 
 from scenarios.field.spool import read_spool
 from scenarios.field.verify import Check, Figure, rows, verify
-from scenarios.provenance import versions
+from scenarios.provenance import write_versions
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.plain_rows import write_rows
 from scenarios.run_folder import run_folder
@@ -31,7 +31,7 @@ def write_check(log_or_run: Path, spool_file: Path, out: Path) -> Check:
         write_rows(rows(check), folder / "verify")
         (folder / "verify.json").write_text(json.dumps(figures(check), indent=1, allow_nan=False) + "\n")
         (folder / "report.html").write_text(_page(check), encoding="utf-8")
-        (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
+        write_versions(folder)
     return check
 
 

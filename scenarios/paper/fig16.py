@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from scipy.special import gammaln
 
 from algorithms.trust.budget import coverage_factor
 from scenarios.paper.printed import DIMENSIONS, TABLE_2_MM, TABLE_3_K, TABLE_3_STANDARD_MM
-from scenarios.provenance import versions
+from scenarios.provenance import write_versions
 from scenarios.report.canvas import SERIES, drawing, to_picture
 from scenarios.report.plain_rows import text_table, write_rows
 from scenarios.run_folder import run_folder
@@ -85,7 +84,7 @@ def run_fig16(out: Path) -> list[Row]:
     with run_folder(out) as folder:
         write_rows(rows, folder / "fig16")
         (folder / "fig16.png").write_bytes(picture(rows))
-        (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
+        write_versions(folder)
     return rows
 
 

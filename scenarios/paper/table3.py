@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from scenarios.paper.printed import (
     TABLE_3_STANDARD_MM,
     TRUE_SIZE_MM,
 )
-from scenarios.provenance import versions
+from scenarios.provenance import write_versions
 from scenarios.report.plain_rows import text_table, write_rows
 from scenarios.run_folder import run_folder
 
@@ -118,5 +117,5 @@ def run_table3(out: Path) -> list[Row]:
     rows = table3_rows()
     with run_folder(out) as folder:
         write_rows(rows, folder / "table3")
-        (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
+        write_versions(folder)
     return rows

@@ -10,7 +10,7 @@ import numpy as np
 
 from algorithms.trust.gauge import GaugeStudy, RangeStudy, gauge_study, range_study
 from scenarios.document import BadInput
-from scenarios.provenance import versions
+from scenarios.provenance import write_versions
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import SERIES, Picture, drawing, to_picture
 from scenarios.report.plain_rows import text_table
@@ -100,7 +100,7 @@ def run_gauge(file: Path, part: str, operator: str, value: str, out: Path) -> Ga
     with run_folder(out) as folder:
         (folder / "gauge.json").write_text(json.dumps(figures(gauge), indent=1, allow_nan=False) + "\n")
         (folder / "report.html").write_text(page(file, gauge), encoding="utf-8")
-        (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
+        write_versions(folder)
     return gauge
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from algorithms.trust.coverage import statement
 from algorithms.trust.feature_class import NOTE
 from algorithms.trust.performance import unity_words
-from scenarios.provenance import versions
+from scenarios.provenance import write_versions
 from scenarios.report.calibration_page import table_html
 from scenarios.report.page import figure_html
 from scenarios.report.plain_rows import write_rows
@@ -54,7 +54,7 @@ def run_report(folders: Sequence[Path], out: Path) -> tuple[Performance, Pod | N
         pod = pod_of(folder / "rows.csv", QUESTION) if rows else None
         (folder / "performance.json").write_text(json.dumps(figures(found, pod), indent=1, allow_nan=False) + "\n")
         (folder / "report.html").write_text(page(found, pod, out), encoding="utf-8")
-        (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
+        write_versions(folder)
     return found, pod
 
 

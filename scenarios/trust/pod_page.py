@@ -15,7 +15,7 @@ from algorithms.trust.detection import CONFIDENCE, POD, lower_curve
 from algorithms.trust.exact_bounds import share_of
 from algorithms.trust.signal_response import SignalCurve
 from scenarios.document import BadInput, shown
-from scenarios.provenance import versions
+from scenarios.provenance import write_versions
 from scenarios.report.calibration_page import Section, calibration_page
 from scenarios.report.canvas import BLACK, BLUE, GREEN, VERMILION, Picture, drawing, to_picture
 from scenarios.report.plain_rows import text_table, write_rows
@@ -61,7 +61,7 @@ def run_pod(source: Path, question: PodQuestion, out: Path, method: str | None =
                 table.writeheader()
                 table.writerows(rows)
         (folder / "report.html").write_text(page(source, pod, rows), encoding="utf-8")
-        (folder / "run.json").write_text(json.dumps(versions(), indent=1) + "\n")
+        write_versions(folder)
     return pod
 
 
