@@ -17,10 +17,11 @@ from algorithms.calibration.slide import with_jag
 from algorithms.calibration.slide_in_scan import learn_slide_from_scan
 from algorithms.reconstruct import begin, mapped, see, sized, step
 from algorithms.types import Defect, Reconstruction, Trajectory, WallMap
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
 from scenarios.matching import match
 from scenarios.run import sensed
 from scenarios.scenario import Scenario, nominal_pipe
+from scenarios.settings_yaml import settings_yaml
 from sensor_model.recording import Recording, open_recording
 from sensor_model.rig import Rig
 from sensor_model.streams import stream
@@ -101,7 +102,7 @@ def recorded(scenario: Scenario) -> Iterator[Recording]:
 
 def wall_map(scenario: Scenario, maps: Path | None) -> tuple[Trajectory, WallMap]:
     """The map of a scan, from the kept ones where it is there."""
-    kept = maps / f"{hashlib.sha256(scenario_yaml(scenario).encode()).hexdigest()[:24]}.npz" if maps else None
+    kept = maps / f"{hashlib.sha256(settings_yaml(scenario).encode()).hexdigest()[:24]}.npz" if maps else None
     if kept and kept.is_file():
         with np.load(kept, allow_pickle=False) as held:
             parts = {name: held[name] for name in held.files}

@@ -188,9 +188,10 @@ def schema() -> None:
 @app.command("dump-config")
 def dump_config(scenario: ScenarioName = "paper-robot", seed: Seed = None, changes: Changes = None) -> None:
     """Print a scenario with every setting written out."""
-    from scenarios.load import load_scenario, scenario_yaml
+    from scenarios.load import load_scenario
+    from scenarios.settings_yaml import settings_yaml
 
-    sys.stdout.write(scenario_yaml(load_scenario(scenario, changes or [], seed)))
+    sys.stdout.write(settings_yaml(load_scenario(scenario, changes or [], seed)))
 
 
 @app.command("export-stl")

@@ -17,12 +17,14 @@ from algorithms.method import Method
 from algorithms.reconstruct import ReconstructionFailed, State, begin, finish, see, step
 from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
+from scenarios.document import BadInput
 from scenarios.extrapolated import extrapolated
-from scenarios.load import BadInput, load_scenario, scenario_yaml
+from scenarios.load import load_scenario
 from scenarios.provenance import versions
 from scenarios.run_folder import run_folder
 from scenarios.scenario import Scenario, nominal_pipe, nominal_rig
 from scenarios.score import FrameTally, Score, score, tally_frame
+from scenarios.settings_yaml import settings_yaml
 from sensor_model.recording import Recording, SlitPixels, open_recording
 from sensor_model.sense import sense
 from sensor_model.streams import stream
@@ -75,7 +77,7 @@ def run(scenario: Scenario, out: Path, workers: int, progress: Report) -> dict[s
     seconds: dict[str, float] = {}
     peaks_kb: dict[int, int] = {}
     with run_folder(out) as folder:
-        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
+        (folder / "scenario.yaml").write_text(settings_yaml(scenario))
         with stage("drive", seconds):
             progress("drive", 0, 1)
             truth = simulate(scenario.pipe, scenario.robot, scenario.drive, stream(scenario.seed, "drive"))

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.load import BadInput, load_scenario
+from scenarios.document import BadInput
+from scenarios.load import load_scenario
 from scenarios.score import MEANINGS
 from scenarios.study.study import load_study
 from scenarios.study.tune_file import load_tuning

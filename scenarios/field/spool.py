@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from scenarios.document import BadInput, read_file
-from scenarios.load import checked, fault_lines
+from scenarios.faults import checked, fault_lines
 from sensor_model.settings import ClockDeg, Settings
 
 Length = Annotated[float, Field(gt=0, le=10_000)]

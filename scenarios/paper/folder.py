@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from scenarios.load import scenario_yaml
 from scenarios.run import provenance
 from scenarios.run_folder import run_folder
 from scenarios.scenario import Scenario
+from scenarios.settings_yaml import settings_yaml
 
 
 @contextmanager
@@ -24,6 +24,6 @@ def paper_folder(name: str, scenario: Scenario, out: Path) -> Iterator[Path]:
     with run_folder(out) as folder:
         start = time.perf_counter()
         yield folder
-        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
+        (folder / "scenario.yaml").write_text(settings_yaml(scenario))
         seconds = {name: round(time.perf_counter() - start, 3)}
         (folder / "run.json").write_text(json.dumps(provenance(scenario, seconds, {}), indent=1) + "\n")

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 
 from algorithms.trust.exact_bounds import hits_needed
 from scenarios.document import BadInput, Document, read_file, shown
+from scenarios.faults import Fault, checked, fault_lines
 from scenarios.fidelity.agreed import compared_on, trusts
-from scenarios.load import Fault, checked, fault_lines
 from scenarios.scenario import Scenario
 from scenarios.study.plan import recipe_of
 from scenarios.study.study import Name, Study, sound_study

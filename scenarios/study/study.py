@@ -10,7 +10,8 @@ from typing import Annotated, Any, TypedDict
 from pydantic import Field
 
 from scenarios.document import BadInput, Document, Keys, dotted, nearest, read_file, shown, with_part, with_values
-from scenarios.load import Fault, checked, fault_lines, library, methods, to_scenario
+from scenarios.faults import Fault, checked, fault_lines
+from scenarios.load import library, methods, to_scenario
 from scenarios.run_folder import whole_file
 from scenarios.score import MEANINGS
 from scenarios.study.design import DESIGNS, Design, Grid, Rows, point_count

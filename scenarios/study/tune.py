@@ -15,8 +15,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from scenarios.document import BadInput
-from scenarios.load import settings_yaml
 from scenarios.run_folder import whole_file
+from scenarios.settings_yaml import settings_yaml
 from scenarios.study.code import code_version
 from scenarios.study.conduct import MAKE, Report, Say
 from scenarios.study.gather import Mean, mean_of

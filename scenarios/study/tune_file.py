@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from scenarios.document import BadInput, Document, nearest, read_file, shown
-from scenarios.load import Fault, checked, fault_lines
+from scenarios.faults import Fault, checked, fault_lines
 from scenarios.study.code import code_version
 from scenarios.study.factors import Factor, Levels, Range
 from scenarios.study.plan import planned_runs, recipe_of

@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from scenarios.document import BadInput
-from scenarios.load import load_scenario, parse, scenario_yaml, to_scenario
+from scenarios.document import BadInput, parse
+from scenarios.load import load_scenario, to_scenario
 from scenarios.run import run
 from scenarios.scenario import nominal_rig
+from scenarios.settings_yaml import settings_yaml
 from sensor_model.rig import Rig, load_settings, preset_rig
 
 SESSION = "calibration={boards: 6, board_distance_std_mm: 0.1, board_tilt_std_deg: 0.1, points: {azimuths: 90}}"
@@ -27,7 +28,7 @@ def test_the_calibration_is_of_the_true_rig_and_goes_by_the_seed():
     found = nominal_rig(scenario)
     assert found.projector.apex_mm == pytest.approx((0.4, 0, -53.5), abs=0.3)
     assert 1e-4 < _worst_deg(found, preset_rig()) < 0.1
-    assert nominal_rig(to_scenario(parse(scenario_yaml(scenario), "again.yaml"))) == found
+    assert nominal_rig(to_scenario(parse(settings_yaml(scenario), "again.yaml"))) == found
     assert nominal_rig(load_scenario("paper-gantry", [*changes, "seed=1"])) != found
 
 

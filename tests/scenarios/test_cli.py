@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from scenarios import cli
-from scenarios.load import library, parse, to_scenario
+from scenarios.document import parse
+from scenarios.load import library, to_scenario
 
 PIPETWIN = [sys.executable, "-m", "scenarios.cli"]
 

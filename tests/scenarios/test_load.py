@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from scenarios.document import LARGEST_FILE_BYTES, BadInput, parse, scalar
-from scenarios.load import library, load_scenario, scenario_yaml, to_scenario
+from scenarios.load import library, load_scenario, to_scenario
+from scenarios.settings_yaml import settings_yaml
 
 GOOD = """\
 name: small
@@ -49,7 +50,7 @@ def test_the_library_loads_and_reads_back_from_its_own_dump(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.name == name
     assert name in library()
-    assert to_scenario(parse(scenario_yaml(scenario), "dump")) == scenario
+    assert to_scenario(parse(settings_yaml(scenario), "dump")) == scenario
     assert [feature.clock_deg for feature in scenario.pipe.features] == [120.0, 120.0]
     assert [feature.distance_mm - feature.size(76.2).length_mm / 2 for feature in scenario.pipe.features] == [250, 450]
 
@@ -69,7 +70,7 @@ def test_rig_and_optics_go_by_name() -> None:
     scenario = load_scenario("s.yaml")
     assert scenario.rig.projector.slit_width_deg == 0.8
     assert scenario.sensing.optics.haze == 0.38
-    assert to_scenario(parse(scenario_yaml(scenario), "dump")) == scenario
+    assert to_scenario(parse(settings_yaml(scenario), "dump")) == scenario
 
 
 def test_a_true_rig_states_only_what_differs() -> None:

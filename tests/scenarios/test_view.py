@@ -64,10 +64,10 @@ def test_light_falls_on_the_wall(scenario, truth):
 
 
 def run_of(scenario, truth, folder):
-    from scenarios.load import scenario_yaml
+    from scenarios.settings_yaml import settings_yaml
 
     folder.mkdir()
-    (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
+    (folder / "scenario.yaml").write_text(settings_yaml(scenario))
     save_truth(truth, folder / "truth")
     return folder
 

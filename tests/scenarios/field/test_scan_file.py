@@ -11,7 +11,8 @@ from scenarios.document import BadInput
 from scenarios.field.match import matched
 from scenarios.field.scan_file import filled
 from scenarios.found_run import read_found
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
+from scenarios.settings_yaml import settings_yaml
 
 SCENARIO = """
 name: again
@@ -79,7 +80,7 @@ def test_a_run_folder_needs_the_file_no_more_and_reads_back_the_same(first, tmp_
     file = scenario_of(tmp_path / "spool", "wall_map.npz")
     shutil.copyfile(first / "reconstruction" / "wall_map.npz", file.parent / "wall_map.npz")
     scenario = load_scenario(str(file))
-    (tmp_path / "kept.yaml").write_text(scenario_yaml(scenario))
+    (tmp_path / "kept.yaml").write_text(settings_yaml(scenario))
     assert load_scenario(str(tmp_path / "kept.yaml")) == scenario
     assert scenario.pipe.scanned.file == "wall_map.npz"
 

@@ -13,8 +13,9 @@ import pytest
 
 from scenarios.artefacts import write_reconstruction
 from scenarios.document import BadInput
-from scenarios.load import load_scenario, scenario_yaml
+from scenarios.load import load_scenario
 from scenarios.paper.sized_scan import sized_scan
+from scenarios.settings_yaml import settings_yaml
 from scenarios.trust import performance, runs
 from scenarios.trust.performance_page import page, run_report, statements
 from twin.truth import save_truth
@@ -46,7 +47,7 @@ def folders(tmp_path_factory):
         folder = root / name
         save_truth(scan.scan.truth, folder / "truth")
         write_reconstruction(scan.found, folder / "reconstruction")
-        (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
+        (folder / "scenario.yaml").write_text(settings_yaml(scenario))
         made.append(folder)
     return made
 
