@@ -1,4 +1,4 @@
-"""PNG as cameras write it, 8-bit RGB, read in half the time of a general reader; whatever else it is goes to that one."""
+"""PNG as cameras write it, 8-bit RGB, in less than half of a general reader's time; any other is left to that one."""
 
 from __future__ import annotations
 
