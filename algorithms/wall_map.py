@@ -93,7 +93,9 @@ def add_points(builder: MapBuilder, points: RingPoints, kept: Bool[np.ndarray, "
     )
     for k, (begin, end) in enumerate(pairwise([0, *ends.tolist()])):
         if end > begin:
-            builder.waiting.setdefault(first + k, []).append(packed[begin:end].copy())  # a view would keep all of the frame
+            builder.waiting.setdefault(first + k, []).append(
+                packed[begin:end].copy()
+            )  # a view would keep all of the frame
     builder.held += packed.size
     if builder.held > MOST_WAITING:
         _close(builder, max(builder.waiting, key=lambda b: sum(part.size for part in builder.waiting[b])))
