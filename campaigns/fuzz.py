@@ -226,7 +226,7 @@ def fuzz(recording: Path, video: Path | None, cases: int, seed: int, only: str =
         for name, (log, read) in sound_logs(recording, video, Path(folder)).items():
             if only not in name:
                 continue
-            read(log, Path(folder) / "sound")  # or nothing would be said of those that are not
+            read(log, Path(folder) / f"sound {name}")  # or nothing would be said of those that are not
             tally[name], began = Counter(), time.process_time()
             for case in range(cases):
                 with tempfile.TemporaryDirectory(dir=folder) as own:
