@@ -175,6 +175,10 @@ def main() -> None:
             sys.exit(f"the follower failed: {follower.returncode}")
         about = json.loads((out / "run.json").read_text())["live"]
         frames = len(open_recording(log))
+        print(f"{frames} frames, {about}, late {100 * about['late'] / max(about['frames'], 1):.2f} %")
+        fifths = [f"{np.median(part):.0f}" for part in np.array_split(np.array(memory), 5)]
+        print(f"memory over the fifths of the time: {', '.join(fifths)} MB, at most {max(memory):.0f}")
+        print(f"processor {used:.0f} ms a frame", flush=True)
         again = Path(folder) / "replay"
         subprocess.run(
             [*command[:4], str(log), "-o", str(again), "-j", str(given.jobs)], check=True, stdout=subprocess.DEVNULL
@@ -182,10 +186,7 @@ def main() -> None:
         same = filecmp.cmp(
             again / "reconstruction" / "wall_map.npz", out / "reconstruction" / "wall_map.npz", shallow=False
         )
-        print(f"{frames} frames, {about}, late {100 * about['late'] / max(about['frames'], 1):.2f} %")
-        fifths = [f"{np.median(part):.0f}" for part in np.array_split(np.array(memory), 5)]
-        print(f"memory over the fifths of the time: {', '.join(fifths)} MB, at most {max(memory):.0f}")
-        print(f"processor {used:.0f} ms a frame; the same as a replay: {same}")
+        print(f"the same as a replay: {same}")
         sys.exit(not same)
 
 

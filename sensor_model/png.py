@@ -32,7 +32,7 @@ def read_rgb(data: bytes) -> UInt8[np.ndarray, "height width 3"] | None:
     unpacker = isal_zlib.decompressobj()
     try:
         rows = unpacker.decompress(packed, max_length=height * row)
-    except isal_zlib.error:
+    except isal_zlib.IsalError:  # type: ignore[misc]  # the stub says that it is an instance
         return None
     if len(rows) != height * row or not unpacker.eof:
         return None
