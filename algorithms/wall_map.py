@@ -20,7 +20,7 @@ from sensor_model.settings import Settings
 INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
 OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
 WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32)])
-MOST_WAITING = 2**20  # in one block: a robot that stands, or goes to and fro, must not fill the memory
+MOST_WAITING = 2**21  # in all blocks: a robot that stands, or goes to and fro, must not fill the memory
 MOST_EMPTY = 1000  # blocks
 FEW = 40  # up to so many points are sorted fastest by moving each to its place
 
@@ -40,6 +40,8 @@ class MapBuilder:
     settings: MapSettings
     waiting: dict[int, list[np.ndarray]] = field(default_factory=dict)
     done: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)
+    held: int = 0
+    """How many points wait."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -91,10 +93,12 @@ def add_points(builder: MapBuilder, points: RingPoints, kept: Bool[np.ndarray, "
     )
     for k, (begin, end) in enumerate(pairwise([0, *ends.tolist()])):
         if end > begin:
-            waiting = builder.waiting.setdefault(first + k, [])
-            waiting.append(packed[begin:end])
-            if len(waiting) > FEW and sum(part.size for part in waiting) > MOST_WAITING:
-                _close(builder, first + k)
+            builder.waiting.setdefault(first + k, []).append(
+                packed[begin:end].copy()
+            )  # a view would keep all of the frame
+    builder.held += packed.size
+    if builder.held > MOST_WAITING:
+        _close(builder, max(builder.waiting, key=lambda b: sum(part.size for part in builder.waiting[b])))
     # one block of slack for the frames still to come; a hundredth of the points may be astray
     nearest = first + int(np.searchsorted(ends, 0.01 * packed.size, side="right")) - 1
     for b in [b for b in builder.waiting if b < nearest]:
@@ -161,7 +165,9 @@ def shift_waiting(builder: MapBuilder, along_mm: float) -> tuple[float, float]:
 def _close(builder: MapBuilder, block: int) -> None:
     """Reduce a block's points to cells; a block that was closed before is joined by its weights."""
     around, along = builder.shape
-    reduced = _reduce(np.concatenate(builder.waiting.pop(block)), around * along)
+    points = np.concatenate(builder.waiting.pop(block))
+    builder.held -= points.size
+    reduced = _reduce(points, around * along)
     kinds = (np.float64, np.float32, np.float32, np.int32)
     cells = tuple(part.astype(kind).reshape(around, along) for part, kind in zip(reduced, kinds, strict=True))
     if block in builder.done:
@@ -213,7 +219,7 @@ def _check_span(builder: MapBuilder) -> None:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _reduce(points, cells):
     """Weighted median, spread (MAD) and typical sigma of the radii in each cell, and their count.
 

@@ -146,6 +146,7 @@ def main() -> None:
         ]
         follower = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         wait_for(port)
+        loaded_s = cpu_s(follower.pid)
         player = os.fork()
         if player == 0:
             play(source, log, given.seconds, given.rate_hz)
@@ -155,8 +156,9 @@ def main() -> None:
             time.sleep(SAMPLE_EVERY_S)
             playing = playing and os.waitpid(player, os.WNOHANG)[0] == 0
             try:
-                used = max(used, cpu_s(follower.pid))
-                if playing:  # the pages of the end need memory of their own
+                if playing:  # the pages of the end need time and memory of their own
+                    seen = len(list((out.with_name("live.live") / "slits").glob("*.json")))
+                    used = 1e3 * (cpu_s(follower.pid) - loaded_s) / max(seen, 1)
                     memory.append(memory_mb(follower.pid) or memory[-1])
             except (OSError, IndexError):
                 continue
@@ -165,7 +167,7 @@ def main() -> None:
                 follower.wait()
                 kept = len(list((out.with_name("live.live") / "slits").glob("*.json")))
                 print(f"killed after {given.kill_at_s:g} s, {kept} frames kept")
-                memory, killed = [], True
+                memory, killed, loaded_s = [], True, 0.0
                 follower = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         if playing:
             os.waitpid(player, 0)
@@ -173,6 +175,10 @@ def main() -> None:
             sys.exit(f"the follower failed: {follower.returncode}")
         about = json.loads((out / "run.json").read_text())["live"]
         frames = len(open_recording(log))
+        print(f"{frames} frames, {about}, late {100 * about['late'] / max(about['frames'], 1):.2f} %")
+        fifths = [f"{np.median(part):.0f}" for part in np.array_split(np.array(memory), 5)]
+        print(f"memory over the fifths of the time: {', '.join(fifths)} MB, at most {max(memory):.0f}")
+        print(f"processor {used:.0f} ms a frame", flush=True)
         again = Path(folder) / "replay"
         subprocess.run(
             [*command[:4], str(log), "-o", str(again), "-j", str(given.jobs)], check=True, stdout=subprocess.DEVNULL
@@ -180,10 +186,7 @@ def main() -> None:
         same = filecmp.cmp(
             again / "reconstruction" / "wall_map.npz", out / "reconstruction" / "wall_map.npz", shallow=False
         )
-        print(f"{frames} frames, {about}, late {100 * about['late'] / max(about['frames'], 1):.2f} %")
-        fifths = [f"{np.median(part):.0f}" for part in np.array_split(np.array(memory), 5)]
-        print(f"memory over the fifths of the time: {', '.join(fifths)} MB, at most {max(memory):.0f}")
-        print(f"processor {1e3 * used / max(about['frames'], 1):.0f} ms a frame; the same as a replay: {same}")
+        print(f"the same as a replay: {same}")
         sys.exit(not same)
 
 

@@ -79,6 +79,7 @@ def misfits(z_reference, reference, z_other, other, along_mm, about_bins, gap_mm
     """
     bins = reference.shape[1]
     mean_square, power, count = np.full(along_mm.size, np.inf), np.zeros(along_mm.size), np.zeros(along_mm.size)
+    z_of, height_of, seen = _in_order(z_reference, reference)
     for k in range(along_mm.size):
         square, all_power, n = 0.0, 0.0, 0
         whole = int(np.floor(about_bins[k]))
@@ -88,9 +89,11 @@ def misfits(z_reference, reference, z_other, other, along_mm, about_bins, gap_mm
                 h, z = other[i, j], z_other[i, j] - along_mm[k]
                 if np.isnan(h):
                     continue
-                low = height_at(z_reference, reference, (j - whole) % bins, z, gap_mm)
+                b = (j - whole) % bins
+                low = height_at(z_of[b, : seen[b]], height_of[b], z, gap_mm)
                 if part > 0.0:
-                    high = height_at(z_reference, reference, (j - whole - 1) % bins, z, gap_mm)
+                    b = (j - whole - 1) % bins
+                    high = height_at(z_of[b, : seen[b]], height_of[b], z, gap_mm)
                     low = (1.0 - part) * low + part * high
                 if np.isnan(low):
                     continue
@@ -103,21 +106,33 @@ def misfits(z_reference, reference, z_other, other, along_mm, about_bins, gap_mm
 
 
 @njit(cache=True, error_model="numpy")
-def height_at(z_mm, height_mm, column, z, gap_mm):
-    """A profile's height in one bin at a place between two of its samples; NaN where it has none close by."""
-    below, above = -1, -1
-    for i in range(z_mm.shape[0]):
-        if np.isnan(height_mm[i, column]):
-            continue
-        here = z_mm[i, column]
-        if here <= z and (below < 0 or here > z_mm[below, column]):
-            below = i
-        if here >= z and (above < 0 or here < z_mm[above, column]):
-            above = i
-    if below < 0 or above < 0 or z_mm[above, column] - z_mm[below, column] > gap_mm:
+def _in_order(z_mm, height_mm):
+    """Each bin's samples by their place along the pipe, a bin a row, and how many it has."""
+    frames, bins = z_mm.shape
+    z_of, height_of, seen = np.empty((bins, frames)), np.empty((bins, frames)), np.zeros(bins, dtype=np.int64)
+    for b in range(bins):
+        for i in range(frames):
+            if np.isnan(height_mm[i, b]):
+                continue
+            k = seen[b]
+            while k > 0 and z_of[b, k - 1] > z_mm[i, b]:
+                z_of[b, k], height_of[b, k] = z_of[b, k - 1], height_of[b, k - 1]
+                k -= 1
+            z_of[b, k], height_of[b, k] = z_mm[i, b], height_mm[i, b]
+            seen[b] += 1
+    return z_of, height_of, seen
+
+
+@njit(cache=True, error_model="numpy")
+def height_at(z_mm, height_mm, z, gap_mm):
+    """The height at a place between two of the samples in order; NaN where it has none close by."""
+    above = np.searchsorted(z_mm, z)
+    if above == z_mm.size:
         return np.nan
-    span = z_mm[above, column] - z_mm[below, column]
-    if span <= 0.0:
-        return height_mm[below, column]
-    share = (z - z_mm[below, column]) / span
-    return (1.0 - share) * height_mm[below, column] + share * height_mm[above, column]
+    if z_mm[above] == z:
+        return height_mm[above]
+    if above == 0 or z_mm[above] - z_mm[above - 1] > gap_mm:
+        return np.nan
+    below = above - 1
+    share = (z - z_mm[below]) / (z_mm[above] - z_mm[below])
+    return (1.0 - share) * height_mm[below] + share * height_mm[above]

@@ -6,6 +6,7 @@ import json
 import shutil
 import time
 from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from scenarios.run_folder import run_folder
 from sensor_model.recording import BadRecording, read_frame
 
 POLL_S = 0.004
-SHOW_EVERY_S, SHOW_SHARE = 2.0, 0.05  # the page is made anew so often, and takes no more of the time than this
+SHOW_EVERY_S, SHOW_SHARE = 2.0, 0.03  # from page to page, and how much of the time one may take
 LATE_PERIODS = 2.0
 MOST_TIMES = 2000
 
@@ -47,6 +48,16 @@ class Followed:
     waits_s: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_TIMES))
 
 
+@dataclass
+class Easel:
+    """The local page, who draws it, and when it is due again."""
+
+    server: Server
+    artist: ThreadPoolExecutor
+    page: Future[float] | None = None
+    due_s: float = 0.0
+
+
 def follow(folder: Path, method: Method, out: Path, workers: int, port: int, idle_s: float, progress: Report) -> Replay:
     """Follow a recording to its end, show it on a local page, and leave what `replay` would.
 
@@ -63,7 +74,8 @@ def follow(folder: Path, method: Method, out: Path, workers: int, port: int, idl
     progress(f"live at {server.address}", 0, 0)
     followed = Followed(log, begin(log.rig, log.pipe, method), begin_watch(log.rig))
     try:
-        _fold(followed, eyes, server, idle_s, progress)
+        with ThreadPoolExecutor(1) as artist:
+            _fold(followed, eyes, Easel(server, artist), idle_s, progress)
         result = _written(followed, eyes, out, progress)
     except BadRecording as error:
         raise BadInput([str(error)]) from error
@@ -103,9 +115,9 @@ def _opened(folder: Path, idle_s: float) -> LiveLog:
         time.sleep(POLL_S)
 
 
-def _fold(followed: Followed, eyes: Eyes, server: Server, idle_s: float, progress: Report) -> None:
+def _fold(followed: Followed, eyes: Eyes, easel: Easel, idle_s: float, progress: Report) -> None:
     """Take frames in until the log ends."""
-    log, quiet_since, due_s = followed.log, time.monotonic(), 0.0
+    log, quiet_since = followed.log, time.monotonic()
     while True:
         if read_more(log):
             quiet_since = time.monotonic()
@@ -119,12 +131,27 @@ def _fold(followed: Followed, eyes: Eyes, server: Server, idle_s: float, progres
             quiet_since = time.monotonic()
         elif over and not eyes.waiting and not log.waiting and not read_more(log):
             return
-        elif time.monotonic() >= due_s and followed.shown:
-            began = time.monotonic()
-            server.show(live_page(_so_far(followed)))
-            due_s = time.monotonic() + max(SHOW_EVERY_S, (time.monotonic() - began) / SHOW_SHARE)
         else:
             time.sleep(POLL_S)
+        if followed.shown:
+            _show(easel, followed)
+
+
+def _show(easel: Easel, followed: Followed) -> None:
+    """Have the page made anew while frames go on, some time after the last one was done."""
+    if easel.page is not None and easel.page.done():
+        easel.due_s = time.monotonic() + max(SHOW_EVERY_S, easel.page.result() / SHOW_SHARE)
+        easel.page = None
+    if easel.page is None and time.monotonic() >= easel.due_s:
+        easel.page = easel.artist.submit(_draw, easel.server, *_so_far(followed))
+
+
+def _draw(server: Server, live: Live, state: State) -> float:
+    """Measure a moment and show it; the processor's time that took, s."""
+    began = time.thread_time()
+    found, why = _measured(state)
+    server.show(live_page(live._replace(found=found, why=why)))
+    return time.thread_time() - began
 
 
 def _take(followed: Followed, shown: Shown) -> None:
@@ -156,12 +183,12 @@ def _timely(followed: Followed) -> dict[str, float | int | None]:
     }
 
 
-def _so_far(followed: Followed) -> Live:
-    """What is known at this moment, without touching the state that goes on."""
+def _so_far(followed: Followed) -> tuple[Live, State]:
+    """What is known at this moment, and a state to measure it from, which the one that goes on does not touch."""
     state, latest = followed.state, followed.state.results[-1]
-    found, why = _measured(state)
-    waits = np.array(followed.waits_s)
-    return Live(
+    waits, builder = np.array(followed.waits_s), state.builder
+    copy = MapBuilder(builder.settings, {b: list(p) for b, p in builder.waiting.items()}, dict(builder.done))
+    live = Live(
         frames=followed.shown,
         distance_mm=float(latest.alignment.T_pipe_camera[2, 3]),
         decode_yield=latest.decode_yield,
@@ -169,22 +196,21 @@ def _so_far(followed: Followed) -> Live:
         late_share=followed.late / max(followed.live, 1),
         wait_s=float(np.median(waits)) if waits.size else float("nan"),
         unreadable=sum(1 for fault in followed.watched.fault if fault),
-        found=found,
-        why=why,
+        found=None,
+        why="",
     )
+    return live, replace(state, builder=copy, results=[latest])
 
 
 def _measured(state: State) -> tuple[Reconstruction | None, str]:
     """Wall map and defects of the frames so far."""
-    builder = state.builder
-    copy = MapBuilder(builder.settings, {b: list(p) for b, p in builder.waiting.items()}, dict(builder.done))
     try:
-        wall = finish_map(copy)
+        wall = finish_map(state.builder)
     except MapTorn as error:
         return None, str(error)
     if not wall.seen.any():
         return None, state.results[-1].alignment.reason or "no point lies where a wall can be"
-    return sized(trajectory(state.results[-1:]), wall, state.rig, state.pipe, state.method), ""
+    return sized(trajectory(state.results), wall, state.rig, state.pipe, state.method), ""
 
 
 def _written(followed: Followed, eyes: Eyes, out: Path, progress: Report) -> Replay:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -43,9 +44,12 @@ class Tail:
         Raises:
             BadRecording: naming file and line.
         """
-        refuse_link(self.path)
-        if not self.path.is_file():
+        try:
+            if os.lstat(self.path).st_size <= self.offset:
+                return
+        except FileNotFoundError:
             return
+        refuse_link(self.path)
         with self.path.open("rb") as file:
             file.seek(self.offset)
             data = file.read(READ_BYTES)

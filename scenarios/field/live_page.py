@@ -21,7 +21,7 @@ HOST = "127.0.0.1"
 REFRESH_S = 2
 MOST_DEFECTS = 200
 MAP_PX = 900, 360
-UNSEEN_RGB = (226, 226, 226)
+UNSEEN_GREY = 226
 LEAST_RANGE_MM = 0.5
 
 
@@ -136,17 +136,15 @@ def _defects(found: Reconstruction) -> str:
 def live_map(found: Reconstruction) -> Picture:
     """The unrolled wall coloured by depth, drawn without a plot's cost."""
     import cv2
-    from matplotlib import colormaps
 
     touched = np.flatnonzero(found.wall.seen.any(axis=0))
     deviation = found.deviation_mm[:, touched[0] : touched[-1] + 1]
     deepest = max([LEAST_RANGE_MM, *(d.depth_mm for d in found.defects)])
     some = deviation[:, np.linspace(0, deviation.shape[1] - 1, min(deviation.shape[1], MAP_PX[0])).astype(int)]
-    table = (colormaps["cividis"](np.linspace(0, 1, 256))[:, :3] * 255).astype(np.uint8)
     level = (np.clip(np.nan_to_num(some) / deepest, 0, 1) * 255).astype(np.uint8)
-    rgb = np.where(np.isfinite(some)[:, :, None], table[level], np.array(UNSEEN_RGB, dtype=np.uint8))
-    large = cv2.resize(rgb, MAP_PX, interpolation=cv2.INTER_NEAREST)
-    file = cv2.imencode(".png", np.ascontiguousarray(large[:, :, ::-1]))[1].tobytes()
+    bgr = cv2.applyColorMap(level, cv2.COLORMAP_CIVIDIS)
+    bgr[~np.isfinite(some)] = UNSEEN_GREY
+    file = cv2.imencode(".png", cv2.resize(bgr, MAP_PX, interpolation=cv2.INTER_NEAREST))[1].tobytes()
     ends = found.wall.z_mm[touched[0]], found.wall.z_mm[touched[-1]]
     words = f"the wall from {ends[0]:.0f} to {ends[1]:.0f} mm, 12 o'clock at the top and again at the bottom"
     return Picture(

@@ -49,7 +49,7 @@ def look(file: Path, rig: Rig, method: Method) -> Look:
         return Look(NO_SLITS, b"", fault=str(error))
     if isinstance(content, SlitPixels):
         return Look(content, _digest(content.pixel))
-    some = content[::EVERY_PX, ::EVERY_PX]
+    some = np.ascontiguousarray(content[::EVERY_PX, ::EVERY_PX])
     return Look(decode(content, rig, method.decode), _digest(some), *_exposure(some))
 
 
@@ -59,7 +59,7 @@ def _digest(values: np.ndarray) -> bytes:
 
 def _exposure(some: UInt8[np.ndarray, "height width 3"]) -> tuple[float, float, float]:
     """Mean level, share of pixels with a full channel, share of black ones."""
-    brightest = some.max(axis=2)
+    brightest = np.maximum(np.maximum(some[..., 0], some[..., 1]), some[..., 2])
     return float(some.mean() / 255), float((brightest >= BRIGHT).mean()), float((brightest <= BLACK).mean())
 
 

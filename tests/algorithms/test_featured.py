@@ -93,7 +93,7 @@ def test_the_compiled_misfit_is_the_plain_one():
         assert count[k] == len(gaps)
         assert mean_square[k] == pytest.approx(np.mean(np.square(gaps)))
         assert power[k] == pytest.approx(np.mean(both))
-    assert np.isnan(height_at(reference.z_mm, reference.height_mm, 0, 500.0, 7.0))
+    assert np.isnan(height_at(np.array([1.0, 3.0]), np.array([0.5, 0.5]), 500.0, 7.0))
 
 
 def test_a_joint_stands_all_around_at_one_place():
