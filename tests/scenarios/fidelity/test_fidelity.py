@@ -45,7 +45,9 @@ def test_a_noise_by_name_reaches_the_sensor():
     scenario = load_scenario("paper-gantry")
     named = type(scenario.sensing).model_validate({"points": "default"})
     assert named.points == point_noise("default")
-    with pytest.raises(ValueError, match="there are default, endoscope"):
+    of_wall = type(scenario.sensing).model_validate({"optics": {"wall": "yellow-pe"}, "points": "default"})
+    assert of_wall.points == point_noise("yellow-pe") != named.points
+    with pytest.raises(ValueError, match="there are black-pe, default, endoscope"):
         type(scenario.sensing).model_validate({"points": "nobody"})
     noise = PointNoise(slit_noise_px=(0.1, 0.1, 0.1))
     with pytest.raises(ValueError, match="got 3 values; the rig has 8 slits"):
