@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, field_validator
 
 from sensor_model.encoders import EncoderNoise, measure_encoders, with_missed_counts
 from sensor_model.imu import ImuNoise, measure_imu
@@ -41,7 +41,7 @@ class Sensing(Settings):
 
     @field_validator("points", mode="before")
     @classmethod
-    def _of_the_wall(cls, points: Any, info: ValidationInfo) -> Any:
+    def _of_the_wall(cls, points: Any, info: Any) -> Any:
         optics = info.data.get("optics")
         wall = wall_name(optics) if points == DEFAULT_NOISE and optics is not None else None
         return wall if wall in measured_noises() else points
