@@ -16,7 +16,7 @@ from sensor_model.sense import Sensing
 FOLDER = Path(__file__).parent / "agreed"
 PICTURE = "picture"
 SPREADS = 2.0  # within so many standard deviations from seed to seed, a seed does more than the fidelity
-SAME_BORE = 0.05  # of the radius: slits that fall on nearly the same places
+SAME_BORE = 0.1  # of the radius: slits that fall on nearly the same places
 
 Verdict = Literal["agrees", "differs", "open"]
 
