@@ -233,6 +233,15 @@ def test_bad_plans_say_where(planned, old, new, said):
         planned(text.replace(old, new))
 
 
+def test_a_scene_that_cannot_be_scanned_is_said_with_its_line(planned, monkeypatch):
+    def too_big(_) -> None:
+        raise ValueError("the robot does not fit")
+
+    monkeypatch.setattr(module, "_tried", too_big)
+    with pytest.raises(BadInput, match=r"plan\.yaml:3:7: base: cannot be scanned: the robot does not fit"):
+        planned()
+
+
 def test_a_tolerance_limit_holds_as_often_as_it_says():
     rng = np.random.default_rng(0)
     quantile = 1.6448536269514722  # of the size of a standard normal's draw, 90 %
