@@ -150,6 +150,12 @@ def _wall(name: str) -> dict[str, Any]:
     return {"wall_reflectance": stated.wall_reflectance, "wall": stated.wall}
 
 
+def wall_name(optics: Optics) -> str | None:
+    """Which named wall these optics have; None for a wall of their own."""
+    own = {"wall_reflectance": optics.wall_reflectance, "wall": optics.wall}
+    return next((path.stem for path in sorted(WALLS.glob("*.yaml")) if _wall(path.stem) == own), None)
+
+
 def _by_name(value: Any) -> Any:
     return look(value) if isinstance(value, str) else value
 

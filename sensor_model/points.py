@@ -66,6 +66,11 @@ class PointNoise(Settings):
         return tuple(found)
 
 
+def measured_noises() -> dict[str, Path]:
+    """The files of measured noise, by name."""
+    return {path.stem: path for path in sorted(NOISES.glob("*.yaml"))}
+
+
 @cache
 def point_noise(name: str) -> PointNoise:
     """The noise of `points` as measured in pictures of one kind, by the name of their optics.
@@ -73,7 +78,7 @@ def point_noise(name: str) -> PointNoise:
     Raises:
         ValueError: for another name.
     """
-    known = {path.stem: path for path in sorted(NOISES.glob("*.yaml"))}
+    known = measured_noises()
     if name not in known:
         raise ValueError(f"no noise is called {name!r}; there are {', '.join(known)}")
     return load_settings(PointNoise, known[name])

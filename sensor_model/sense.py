@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from sensor_model.encoders import EncoderNoise, measure_encoders, with_missed_counts
 from sensor_model.imu import ImuNoise, measure_imu
-from sensor_model.optics import AnyOptics, Optics
-from sensor_model.points import AnyPointNoise, PointNoise, see_slits
+from sensor_model.optics import AnyOptics, Optics, wall_name
+from sensor_model.points import AnyPointNoise, PointNoise, measured_noises, see_slits
 from sensor_model.recording import SLIT_PIXELS_SUFFIX, NominalPipe, write_frame_list, write_logs, write_slit_pixels
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
@@ -24,6 +24,7 @@ from twin.pipe import Pipe
 from twin.truth import Truth
 
 Fidelity = Literal["picture", "raycast", "points"]
+DEFAULT_NOISE = "default"
 
 
 class Sensing(Settings):
@@ -33,9 +34,17 @@ class Sensing(Settings):
     frame_rate_hz: Annotated[float, Field(gt=0.1, le=240)] = 15.0
     optics: AnyOptics = Optics()
     points: AnyPointNoise = PointNoise()
+    """Or the name of a measured noise; `default` is that of pictures of the very wall, where there is one."""
     imu: ImuNoise = ImuNoise()
     encoders: EncoderNoise = EncoderNoise()
     timing: Timing = Timing()
+
+    @field_validator("points", mode="before")
+    @classmethod
+    def _of_the_wall(cls, points: Any, info: Any) -> Any:
+        optics = info.data.get("optics")
+        wall = wall_name(optics) if points == DEFAULT_NOISE and optics is not None else None
+        return wall if wall in measured_noises() else points
 
 
 def without_effect(sensing: Sensing) -> str:

@@ -18,7 +18,10 @@ def register(app: typer.Typer) -> None:
 
 
 def fidelity(
-    bases: Annotated[list[str], typer.Argument(metavar="SCENARIO...", help="Library names or files.")],
+    bases: Annotated[list[str] | None, typer.Argument(metavar="[SCENARIO]...", help="Library names or files.")] = None,
+    library: Annotated[
+        bool, typer.Option("--library", help="The field library (or those named of it), shortened as it says itself.")
+    ] = False,
     against: Annotated[
         list[str], typer.Option("--of", metavar="FIDELITY", help="What to compare: points, raycast; may be repeated.")
     ] = ["points"],  # noqa: B006  typer copies it
@@ -28,22 +31,29 @@ def fidelity(
     jobs: Jobs = None,
 ) -> None:
     """Compare a cheap fidelity with pictures on the same seeds, and say for which scores they agree."""
-    from scenarios.fidelity.compare import compare, trusted
+    from scenarios.fidelity.agreed import looks, trusted
+    from scenarios.fidelity.compare import compare, of_library
     from scenarios.study.commands import shown
     from scenarios.study.conduct import How
 
+    if not (bases or library):
+        raise typer.BadParameter("name a scenario, or give --library")
     with shown() as (progress, say):
-        found, costs = compare(bases, against, seeds, noise, out, How(jobs or cores()), progress, say)
-    for cost in costs:
-        spent = f"{cost.run_s:.3g} s a run, {cost.cheaper:.3g} times cheaper than pictures"
-        print(f"{cost.scenario}: {cost.fidelity} {spent}")
+        chosen = of_library(bases or []) if library else {base: {} for base in bases or []}
+        found = compare(chosen, against, seeds, noise, out, How(jobs or cores()), progress, say)
     for one in found:
-        if one.verdict != "agrees":
-            pictures = f"pictures {one.mean:.4g}, from seed to seed {one.spread:.2g}"
-            numbers = f"{one.difference:+.3g} ± {one.half:.2g} ({pictures}; n = {one.n})"
-            print(f"{one.scenario}: {one.fidelity}: {one.score} {one.verdict}: {numbers}")
+        for cost in one.costs:
+            spent = f"{cost.run_s:.3g} s a run, {cost.cheaper:.3g} times cheaper than pictures"
+            print(f"{one.scenario}: {cost.fidelity} {spent}")
+        for row in one.scores:
+            if row.verdict != "agrees":
+                pictures = f"pictures {row.mean:.4g}, from seed to seed {row.spread:.2g}"
+                numbers = f"{row.difference:+.3g} ± {row.half:.2g} ({pictures}; n = {row.n})"
+                print(f"{one.scenario}: {row.fidelity}: {row.score} {row.verdict}: {numbers}")
     for name in against:
-        print(f"{name} agrees in every scenario: {', '.join(trusted(found, name)) or 'nothing'}")
+        for group in looks(found):
+            names = ", ".join(one.scenario for one in group)
+            print(f"{name} agrees over {names}: {', '.join(trusted(group, name)) or 'nothing'}")
     print(f"page: {out / 'fidelity.html'}")
 
 

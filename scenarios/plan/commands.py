@@ -1,4 +1,4 @@
-"""The command `plan`: parses, calls one function and prints."""
+"""The commands `plan` and `plan-check`: each parses, calls one function and prints."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from scenarios.options import Jobs
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command into the command line."""
+    """Put the commands into the command line."""
     app.command()(plan)
+    app.command("plan-check")(plan_check)
 
 
-def plan(
-    file: Annotated[Path, typer.Argument(metavar="PLAN", help="A plan file (YAML).")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder.  [default: plans/NAME]")
-    ] = None,
-    jobs: Jobs = None,
-) -> None:
+PlanArgument = Annotated[Path, typer.Argument(metavar="PLAN", help="A plan file (YAML).")]
+Out = Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder.  [default: plans/NAME]")]
+
+
+def plan(file: PlanArgument, out: Out = None, jobs: Jobs = None) -> None:
     """Say what a deployment can promise, what limits it most, and whether it keeps the limits."""
     from scenarios.plan.conduct import make_plan
     from scenarios.study.commands import shown
@@ -40,3 +39,39 @@ def plan(
         print(f"limit {row.limit} {row.asked:g}: {row.decision}")
     print(f"decision: {result.decision}")
     print(f"page: {folder / 'plan.html'}")
+
+
+def plan_check(
+    file: PlanArgument,
+    out: Out = None,
+    again: Annotated[
+        int | None, typer.Option("--again", metavar="SEED", min=0, help="Make it again with this seed.")
+    ] = None,
+    pictures: Annotated[
+        int, typer.Option("--pictures", metavar="N", min=0, max=1000, help="So many fresh scans in pictures.")
+    ] = 0,
+    jobs: Jobs = None,
+) -> None:
+    """Hold a plan that was made against itself with another seed, or against fresh scans in pictures."""
+    from scenarios.plan.check import fresh_pictures, made_again
+    from scenarios.plan.conduct import FOLDER
+    from scenarios.plan.plan_file import load_plan
+    from scenarios.study.commands import shown
+    from scenarios.study.conduct import How
+
+    if again is None and not pictures:
+        raise typer.BadParameter("give --again SEED, --pictures N, or both")
+    with shown() as (progress, say):
+        loaded, how = load_plan(file), How(jobs or cores())
+        folder = out or Path(FOLDER) / loaded.file.name
+        twice = [] if again is None else made_again(loaded, folder, again, how, progress, say)
+        fresh = fresh_pictures(loaded, folder, pictures, how, progress, say) if pictures else []
+    for one in twice:
+        both = " and ".join(f"{x.value:.3g} ({x.low:.3g} to {x.high:.3g})" for x in (one.first, one.second))
+        print(f"{one.what}: {both}: {'agree' if one.agree else 'DIFFER'}")
+    for promise in fresh:
+        inside = promise.inside
+        ends = f"{100 * inside.low:.0f} to {100 * inside.high:.0f} %"
+        said = "as often as promised" if promise.kept else "LESS OFTEN than promised"
+        where = f"{promise.what} {promise.promised:.3g}, promised for {100 * promise.asked:g} %"
+        print(f"{where}: {inside.counted} of {inside.n} ({ends}): {said}")

@@ -182,6 +182,12 @@ def detection(looks: Looks, kind: str, shown_in: str = PICTURE) -> Detection:
     return Detection(kind, found, size_at(curve, 0.5), size_at(curve, 0.9), best.size, best.convention, shown_in)
 
 
+def all_detections(plan: Plan, scans: Scans, pictures: Scans | None) -> list[Detection]:
+    """Detection of every kind, by scans in a fidelity that is trusted in it."""
+    seen_in, shown_in = shown_by(plan, "a90_95_pct", scans, pictures)
+    return [detection(seen_in.looks, kind, shown_in) for kind in plan.file.defects]
+
+
 def tolerance(
     what: str, errors: Float[np.ndarray, "n"], share: float, confidence: float, shown_in: str = PICTURE
 ) -> Tolerance:
@@ -255,14 +261,18 @@ def all_errors(plan: Plan, scans: Scans) -> dict[str, Float[np.ndarray, "n"]]:
     }
 
 
+def shown_errors(plan: Plan, scans: Scans, pictures: Scans | None) -> dict[str, tuple[Float[np.ndarray, "n"], str]]:
+    """Every promised error with its fidelity: of the plan's scans where that is trusted, else of pictures if any."""
+    own, shown = plan.scene.sensing.fidelity, {}
+    dear = {} if pictures is None else all_errors(plan, pictures)
+    for what, values in all_errors(plan, scans).items():
+        trusted = trusts(plan.scene, SCORES[what])
+        shown[what] = (values, own) if trusted else (dear.get(what, np.empty(0)), PICTURE)
+    return shown
+
+
 def all_tolerances(plan: Plan, scans: Scans, pictures: Scans | None) -> list[Tolerance]:
     """A tolerance for each of them, of scans in a fidelity that is trusted in it; of none where there are none."""
-    share, confidence, own = plan.file.share, plan.file.confidence, plan.scene.sensing.fidelity
-    cheap = all_errors(plan, scans)
-    dear = {} if pictures is None else all_errors(plan, pictures)
-    rows = []
-    for what, values in cheap.items():
-        trusted = trusts(plan.scene, SCORES[what])
-        shown = values if trusted else dear.get(what, np.empty(0))
-        rows.append(tolerance(what, shown, share, confidence, own if trusted else PICTURE))
-    return rows
+    share, confidence = plan.file.share, plan.file.confidence
+    shown = shown_errors(plan, scans, pictures)
+    return [tolerance(what, values, share, confidence, shown_in) for what, (values, shown_in) in shown.items()]

@@ -16,13 +16,12 @@ from scenarios.plan.findings import (
     Kept,
     Scans,
     Tolerance,
+    all_detections,
     all_errors,
     all_tolerances,
-    detection,
     false_calls,
     kept_limits,
     seen_share_pct,
-    shown_by,
 )
 from scenarios.plan.plan_file import Plan, scene_speed
 from scenarios.plan.scans import rows_of
@@ -87,9 +86,7 @@ def result_of(plan: Plan, found: dict[str, Scans], few: int) -> Result:
     """Everything that the plan's studies say."""
     scans = found[MAIN]
     pictures = found.get(CONFIRM)
-    seen_in, shown_in = shown_by(plan, "a90_95_pct", scans, pictures)
-    detections = [detection(seen_in.looks, kind, shown_in) for kind in plan.file.defects]
-    tolerances = all_tolerances(plan, scans, pictures)
+    detections, tolerances = all_detections(plan, scans, pictures), all_tolerances(plan, scans, pictures)
     confirmed = [] if pictures is None else _confirmed(plan, pictures, tolerances)
     kept = withheld(kept_limits(plan, scans, pictures, detections, tolerances), confirmed, plan.file.share)
     own = scene_speed(plan.scene)

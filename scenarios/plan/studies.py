@@ -111,8 +111,11 @@ def keep_time(plan: Plan, rows: dict[str, Rows], how: How, say: Say) -> None:
     main = rows[MAIN]
     recipe = Recipe(plan.base, tuple(main), {"default": plan.base["method"]}, (), "")
     trials = [recipe.scenario([values[k] for values in main.values()], "default", 0) for k in range(2)]
-    _tried(trials[0])  # which compiles
-    cheap_s, frames = _tried(trials[1])
+    try:
+        _tried(trials[0])  # which compiles
+        cheap_s, frames = _tried(trials[1])
+    except (RuntimeError, ValueError) as error:
+        raise BadInput([f"{plan.document.place(('base',))}: base: cannot be scanned: {error}"]) from error
     runs = {name: len(own["seed"]) for name, own in rows.items()}
     total_s = (sum(runs.values()) - runs.get(CONFIRM, 0)) * cheap_s
     if CONFIRM in runs:
@@ -128,17 +131,10 @@ def keep_time(plan: Plan, rows: dict[str, Rows], how: How, say: Say) -> None:
 
 
 def _tried(scenario: Scenario) -> tuple[float, int]:
-    """Seconds of one scan, and its frames.
-
-    Raises:
-        BadInput: with the reason why the scene cannot be scanned.
-    """
+    """Seconds of one scan, and its frames."""
     with TemporaryDirectory() as folder:
         start_s = time.perf_counter()
-        try:
-            figures, _, _ = scan(scenario, Cache(Path(folder), 1e9))
-        except (RuntimeError, ValueError) as error:
-            raise BadInput([f"{scenario.name}: cannot be scanned: {error}"]) from error
+        figures, _, _ = scan(scenario, Cache(Path(folder), 1e9))
         return time.perf_counter() - start_s, int(figures["frames"])
 
 

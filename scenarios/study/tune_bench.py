@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from scenarios.document import put
 from scenarios.score import MEANINGS
 from scenarios.study.code import code_version
 from scenarios.study.conduct import LOG
@@ -59,8 +61,8 @@ class Bench:
             for i, setting in enumerate(settings)
         ]
         found = dict(self._outcomes(recipe, jobs))
-        bases = [_base_of(study, scan.values) for scan in scans]
-        return [self._scores([found[f"{i}-{k}"] for k in range(len(scans))], bases) for i in range(len(settings))]
+        depths = [_depths_mm(study, scan.values) for scan in scans]
+        return [self._scores([found[f"{i}-{k}"] for k in range(len(scans))], depths) for i in range(len(settings))]
 
     def _outcomes(self, recipe: Recipe, jobs: list[Job]) -> Iterator[tuple[str, Row | None]]:
         with closing(self._engine(recipe).events(jobs)) as events:  # type: ignore[type-var]  # it is a generator
@@ -82,28 +84,31 @@ class Bench:
             self.engines = {name: Processes(setup, self.workers, file.time_limit_s, self.folder / LOG, keep=True)}
         return self.engines[name]
 
-    def _scores(self, rows: list[Row | None], bases: list[dict[str, Any]]) -> Scores:
-        names, both = self.tuning.file.objectives, list(zip(rows, bases, strict=True))
-        each = np.array([[_objective(name, row, base) for name in names] for row, base in both])
+    def _scores(self, rows: list[Row | None], depths: list[list[float]]) -> Scores:
+        names, both = self.tuning.file.objectives, list(zip(rows, depths, strict=True))
+        each = np.array([[_objective(name, row, depths_mm) for name in names] for row, depths_mm in both])
         return Scores(each, tuple(float(mean) for mean in each.mean(axis=0)))
 
 
-def _base_of(study: Study, values: Values) -> dict[str, Any]:
-    """The scenario that a scan's values are laid over."""
-    named = dict(zip(study.factors, values, strict=True)).get(SCENARIO)
-    return study.base if named is None else study.scenes[named]["base"]
+def _depths_mm(study: Study, values: Values) -> list[float]:
+    """Depths of the features that a scan meets: its own values laid over the scenario that it starts from."""
+    told = dict(zip(study.factors, values, strict=True))
+    base = study.scenes[told[SCENARIO]]["base"] if SCENARIO in told else study.base
+    scene = {"pipe": json.loads(json.dumps(base["pipe"]))}
+    for path, value in told.items():
+        if path.startswith("pipe."):
+            put(scene, path.split("."), value, path)
+    return [float(feature["depth_mm"]) for feature in scene["pipe"]["features"]]
 
 
-def _objective(name: str, row: Row | None, base: dict[str, Any]) -> float:
+def _objective(name: str, row: Row | None, depths_mm: list[float]) -> float:
     """One objective of one scan; a scan that fails, or finds nothing, has every error there is."""
-    features = len(base["pipe"]["features"])
-    deepest = max((float(feature["depth_mm"]) for feature in base["pipe"]["features"]), default=1.0)
     if name == "depth_error_mm":
         error = row["depth_error_mm_max"] if row is not None else None
-        return deepest if error is None else float(error)
+        return max(depths_mm, default=1.0) if error is None else float(error)
     if name == "misses_and_false_calls":
         if row is None:
-            return float(features + 1)
+            return float(len(depths_mm) + 1)
         return float((row["defects_true"] or 0) - (row["defects_found"] or 0) + (row["false_calls"] or 0))
     return SLOWEST_MS if row is None else float(row[MS_PER_FRAME] or 0.0)
 

@@ -13,6 +13,7 @@ from scipy.stats import binom
 from algorithms.trust.exact_bounds import share_of
 from scenarios.document import BadInput
 from scenarios.plan import studies as module
+from scenarios.plan.check import Again, Estimate, Fresh, fresh_pictures, made_again, quantile
 from scenarios.plan.conduct import make_plan
 from scenarios.plan.findings import Kept, at_most, tolerance
 from scenarios.plan.plan_file import load_plan
@@ -171,6 +172,39 @@ def test_an_interrupted_plan_goes_on(planned):
     assert (parts / "plan.json").read_bytes() == (whole / "plan.json").read_bytes()
 
 
+def test_a_plan_is_held_against_itself(planned, tmp_path, monkeypatch):
+    monkeypatch.setattr("scenarios.plan.page.write_page", lambda *_: None)
+    monkeypatch.setattr(module, "CAUSES", {})
+    folder, _, _ = planned(PLAN.replace("speeds_mm_s: [50, 100]\n", "scans: 40\n"))
+    plan, how = load_plan(tmp_path / "plan.yaml"), How(1, make="standin:planned")
+    twice = {one.what: one for one in made_again(plan, folder, 7, how, lambda *_: None, lambda _: None)}
+    assert all(one.agree for one in twice.values())
+    width = twice["width_error_mm, 90 % within"]
+    assert (width.first.value, width.second.value) == pytest.approx((0.3, 0.3))
+    (deep,) = (one for what, one in twice.items() if what.startswith("found, pit from"))
+    assert deep.first != deep.second  # other seeds, other defects
+    fresh = fresh_pictures(plan, folder, 16, how, lambda *_: None, lambda _: None)
+    inside = {one.what: one for one in fresh}
+    assert inside["width_error_mm"].inside.counted == inside["width_error_mm"].inside.n > 20
+    assert inside["roll_error_deg"].inside.n == 16
+    assert all(one.kept for one in fresh)
+    with pytest.raises(BadInput, match="the plan's own seed"):
+        made_again(plan, folder, 0, how, lambda *_: None, lambda _: None)
+    with pytest.raises(BadInput, match="holds no plan; `pipetwin plan"):
+        fresh_pictures(plan, tmp_path / "elsewhere", 16, how, lambda *_: None, lambda _: None)
+
+
+def test_figures_agree_as_far_as_their_intervals_reach():
+    rng = np.random.default_rng(0)
+    pairs = [[quantile(np.sort(np.abs(rng.standard_normal(60))), 0.9, 0.95) for _ in range(2)] for _ in range(300)]
+    held = np.mean([one.low <= 1.645 <= one.high for pair in pairs for one in pair])
+    assert 0.94 < held < 0.99
+    assert np.mean([Again("x", *pair).agree for pair in pairs]) > 0.93
+    assert not Again("x", Estimate(1.0, 0.9, 1.2), Estimate(2.0, 1.5, 2.3)).agree
+    assert not Fresh("x", 1.0, 0.9, share_of(40, 60)).kept
+    assert quantile(np.arange(20.0), 0.9, 0.95).high == np.inf  # too few for an end
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -197,6 +231,15 @@ def test_bad_plans_say_where(planned, old, new, said):
     assert old in text
     with pytest.raises(BadInput, match=said):
         planned(text.replace(old, new))
+
+
+def test_a_scene_that_cannot_be_scanned_is_said_with_its_line(planned, monkeypatch):
+    def too_big(_) -> None:
+        raise ValueError("the robot does not fit")
+
+    monkeypatch.setattr(module, "_tried", too_big)
+    with pytest.raises(BadInput, match=r"plan\.yaml:3:7: base: cannot be scanned: the robot does not fit"):
+        planned()
 
 
 def test_a_tolerance_limit_holds_as_often_as_it_says():

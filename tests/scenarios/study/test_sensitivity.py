@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import sobol_indices, uniform
 
 from scenarios.document import BadInput
-from scenarios.study.conduct import How
+from scenarios.study.conduct import MAKE, How
 from scenarios.study.sensitivity import sensitivity, shares
 
 FACTORS = ("drive.offset_mm.0", "drive.offset_mm.1", "drive.tilt_deg.0")
@@ -106,3 +106,31 @@ def test_a_seed_that_is_a_factor_is_no_replicate_too(lab):
     text = ISHIGAMI.replace("factors:", "factors:\n  seed: [1, 2]").replace("draw_seed: 1", "seeds: 2")
     with pytest.raises(BadInput, match="the seed is a factor already"):
         analysed(lab, text, "standin:ishigami")
+
+
+DOMINANT = """\
+name: dominant
+base: paper-gantry
+set:
+  sensing.fidelity: points
+  sensing.points.azimuths: 72
+  sensing.frame_rate_hz: 5
+  drive.stages: [{to_mm: 30}]
+factors:
+  sensing.points.pixel_noise_px: {distribution: uniform, low: 0.01, high: 0.02}
+  drive.tilt_deg.0: {distribution: uniform, low: 0, high: 0.5}
+design: {kind: saltelli, points: 16, draw_seed: 1}
+record: [normal_variance]
+"""
+
+
+def test_a_scan_s_one_dominant_cause_is_found(lab):
+    """Real scans: the tilt decides how the planes of the rings lean, a hundredth of a pixel does not."""
+    _, found, said = analysed(lab, DOMINANT, MAKE)
+    assert said[0] == "16 pairs x (2 causes + 2) = 64 runs at most"
+    (one,) = found.scores
+    noise, tilt = range(2)
+    for index in (one.first, one.total):
+        assert index[tilt, 1] <= 1 <= index[tilt, 2]
+        assert index[noise, 1] <= 0.05
+    assert one.total[tilt, 1] > 0.5 > one.total[noise, 2]

@@ -116,6 +116,21 @@ def test_it_is_judged_beyond_what_it_was_tuned_on_too(lab):
         _tune(lab, "seen", (factors, scenes), ("search:", seen))
 
 
+def test_what_is_not_found_counts_with_the_depth_of_the_scan_s_own_defect(lab):
+    own = "pipe.features: [[{kind: pit, distance_mm: 200, clock_deg: 90, diameter_mm: 16, depth_mm: 1.25}]]"
+    deeper = "pipe.features.1.depth_mm: [5.5]"  # the second of field-dry's, laid over it
+    scans = [f"{{scenario: [field-dry, field-wet], {factor}}}" for factor in (own, deeper)]
+    changes = [
+        ("{sensing.points.pixel_noise_px: [0.1, 0.2, 0.3]}", scans[0]),
+        ("{sensing.points.pixel_noise_px: [0.15, 0.25]}", scans[1]),
+        ("trials: 24", "trials: 1"),
+    ]
+    file = lab.write(*changes, text=TUNE, name="tune.yaml")
+    found = tune(file, lab.folder / "out", 1, lambda *_: None, lambda _: None, make="standin:blind")
+    assert found.trials[0].values == (1.25, 2)
+    assert found.verdicts[0].default["depth_error_mm"].mean == 5.5
+
+
 @pytest.mark.parametrize("sampler", ["nsga2", "random"])
 def test_other_samplers_and_three_objectives_work_too(lab, sampler):
     three = ("misses_and_false_calls]", f"misses_and_false_calls, ms_per_frame]\nsampler: {sampler}")
