@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from algorithms import wall_map
 from algorithms.types import Alignment, RingPoints
 from algorithms.wall_map import FEW, MapBuilder, MapSettings, _reduce, add_points, finish_map, on_a_wall
 from sensor_model.geometry import wall_direction
@@ -89,3 +90,16 @@ def test_memory_stays_flat_and_late_points_still_count():
     row = np.searchsorted(wall.z_mm, 200.4)
     assert np.allclose(wall.radius_mm[:, row], 77.2, atol=1e-3)  # one early, one late
     assert wall.count[0, row] == 2
+
+
+def test_a_robot_that_goes_to_and_fro_fills_no_memory(monkeypatch):
+    monkeypatch.setattr(wall_map, "MOST_WAITING", 2000)
+    builder, theta = MapBuilder(MapSettings()), np.radians(np.arange(0.5, 360, 1.0))
+    for z in [50.5, 150.5, 250.5] * 20:
+        points = _ring(theta, np.full(theta.size, z), 76.2)
+        add_points(builder, points, _everything(points), HERE)
+        held = sum(part.size for block in builder.waiting.values() for part in block)
+        assert builder.held == held <= 2000
+    wall = finish_map(builder)
+    assert builder.held == 0
+    assert wall.count.sum() == 60 * theta.size
