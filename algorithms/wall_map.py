@@ -20,7 +20,7 @@ from sensor_model.settings import Settings
 INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
 OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
 WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32)])
-MOST_WAITING = 2**21  # in all blocks: a robot that stands, or goes to and fro, must not fill the memory
+MOST_WAITING = 2**20  # in all blocks: a robot that stands, or goes to and fro, must not fill the memory
 MOST_EMPTY = 1000  # blocks
 FEW = 40  # up to so many points are sorted fastest by moving each to its place
 
