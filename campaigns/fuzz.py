@@ -155,7 +155,7 @@ def short(recording: Path, target: Path) -> Path:
 
 def sound_logs(
     recording: Path, video: Path | None, folder: Path
-) -> dict[str, tuple[Path, Callable[[Path, Path], None]]]:
+) -> dict[str, tuple[Path, Callable[[Path, Path], object]]]:
     """One of each kind."""
     recording = short(recording, folder / "short")
     logs = {"recording": (recording, by_reader), "live": (recording, by_live), **sound_files(folder)}
@@ -166,7 +166,7 @@ def sound_logs(
     return logs
 
 
-def sound_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path, Path], None]]]:
+def sound_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path, Path], object]]]:
     """A picture, a scan in either form, a scenario and a spool."""
     import cv2
 
@@ -192,7 +192,7 @@ def sound_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path, Path], No
     }
 
 
-def one_case(log: Path, read: Callable[[Path, Path], None], folder: Path, rng: Rng) -> str:
+def one_case(log: Path, read: Callable[[Path, Path], object], folder: Path, rng: Rng) -> str:
     """Read one mutated log; what became of it."""
     target = folder / f"case{log.suffix}"
     os.link(log, target) if log.is_file() else shutil.copytree(log, target, copy_function=os.link)

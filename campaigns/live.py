@@ -151,7 +151,8 @@ def main() -> None:
         if player == 0:
             play(source, log, given.seconds, given.rate_hz)
             os._exit(0)
-        memory, used, began, killed, playing = [], 0.0, time.monotonic(), False, True
+        memory: list[float] = []
+        used, began, killed, playing = 0.0, time.monotonic(), False, True
         while follower.poll() is None:
             time.sleep(SAMPLE_EVERY_S)
             playing = playing and os.waitpid(player, os.WNOHANG)[0] == 0
