@@ -181,7 +181,7 @@ def causes(result: Result) -> str:
 
 def _change(mean: Mean) -> str:
     """To a thousandth: what is smaller matters to nobody."""
-    return f"{mean.mean:+.3f}" + ("" if mean.half is None else f" ± {mean.half:.3f}")
+    return f"{round(mean.mean, 3) + 0.0:+.3f}" + ("" if mean.half is None else f" ± {mean.half:.3f}")
 
 
 def confirmed(result: Result) -> str:
@@ -208,7 +208,7 @@ def essential(result: Result) -> str:
         sizes = ", ".join(f"{key} {_range(value)}" for key, value in given.items() if key != "kind")
         rows += cells("td", [f"defect {name}", f"{given['kind']}: {sizes}"])
     for path, value in {**plan.set, **plan.vary}.items():
-        rows += cells("td", [path, str(value)])
+        rows += cells("td", [path, _said(value)])
     scene = result.plan.scene
     pipe = f"bore radius {scene.pipe.bore_radius_mm:.4g} mm, wall {scene.pipe.wall_mm:.3g} mm"
     rows += cells("td", ["pipe", pipe])
@@ -226,6 +226,10 @@ def made_by(result: Result) -> str:
         "defects": result.scans.looks.hit.size,
     }
     return "<dl>" + "".join(f"<dt>{escape(k)}</dt><dd>{escape(str(v))}</dd>" for k, v in facts.items()) + "</dl>"
+
+
+def _said(value: Any) -> str:
+    return ", ".join(f"{key} {one}" for key, one in value.items()) if isinstance(value, dict) else str(value)
 
 
 def _range(value: Any) -> str:
