@@ -14,6 +14,7 @@ from scenarios.plan.result import Result, contradicted, not_covered, settings_ha
 from scenarios.provenance import versions
 from scenarios.report.canvas import BLUE, SERIES, VERMILION, Picture, drawing, to_picture
 from scenarios.run_folder import whole_file
+from scenarios.study.gather import Mean
 from scenarios.study.page import cells, figure_html, html_page, mean_text, table
 
 NAMES = {
@@ -24,6 +25,8 @@ NAMES = {
     "roll_error_deg": "roll, degrees",
 }
 
+SIGNERS = ["made by", "approved by", "date", "signature"]
+
 
 def write_page(file: Path, result: Result) -> None:
     """Write it."""
@@ -33,7 +36,7 @@ def write_page(file: Path, result: Result) -> None:
         "Limits": limits(result),
         f"Promised: {percent}": tolerances(result) + figure_html(errors(result)),
         "Detection": detections(result) + figure_html(over_depth(result)),
-        "Speed against quality": speeds(result),
+        **({"Speed against quality": speeds(result)} if result.speeds else {}),
         "What limits it most": causes(result),
         "Held against pictures": confirmed(result),
         "Inside which it holds": essential(result),
@@ -41,6 +44,9 @@ def write_page(file: Path, result: Result) -> None:
         + "".join(f"<li>{escape(w)}</li>" for w in not_covered(result))
         + "</ul>",
         "Made by": made_by(result),
+        "Signed": table(
+            cells("th", SIGNERS), cells("td", ["\u00a0"] * len(SIGNERS)), "For the ranges above, and no others."
+        ),
     }
     verdict = {
         "go": "GO: every limit is shown to be kept.",
@@ -147,8 +153,6 @@ def over_depth(result: Result) -> Picture:
 
 def speeds(result: Result) -> str:
     """Scan speed against what it costs."""
-    if not result.speeds:
-        return "<p>One speed only: give speeds_mm_s to compare.</p>"
     head = cells("th", ["speed, mm/s", "minutes a metre", "found", "depth error, mean, % of the wall", "seen, %"])
     rows = ""
     for one in result.speeds:
@@ -166,11 +170,18 @@ def causes(result: Result) -> str:
     head = cells("th", ["without", *names])
     rows = ""
     for one in result.without:
-        rows += cells("td", [one.cause, *(mean_text(one.change[n]) if n in one.change else "-" for n in names)])
+        rows += cells("td", [one.cause, *(_change(one.change[n]) if n in one.change else "-" for n in names)])
+    n = max((mean.n for one in result.without for mean in one.change.values()), default=0)
     caption = (
-        "Mean change of the size of the error, with its 95 % interval, on the same scans; below 0, the cause does harm."
+        "Mean change of the size of the error, with its 95 % interval, on the same scans (n up to "
+        f"{n}); below 0, the cause does harm."
     )
     return table(head, rows, caption)
+
+
+def _change(mean: Mean) -> str:
+    """To a thousandth: what is smaller matters to nobody."""
+    return f"{round(mean.mean, 3) + 0.0:+.3f}" + ("" if mean.half is None else f" ± {mean.half:.3f}")
 
 
 def confirmed(result: Result) -> str:
@@ -197,7 +208,7 @@ def essential(result: Result) -> str:
         sizes = ", ".join(f"{key} {_range(value)}" for key, value in given.items() if key != "kind")
         rows += cells("td", [f"defect {name}", f"{given['kind']}: {sizes}"])
     for path, value in {**plan.set, **plan.vary}.items():
-        rows += cells("td", [path, str(value)])
+        rows += cells("td", [path, _said(value)])
     scene = result.plan.scene
     pipe = f"bore radius {scene.pipe.bore_radius_mm:.4g} mm, wall {scene.pipe.wall_mm:.3g} mm"
     rows += cells("td", ["pipe", pipe])
@@ -215,6 +226,10 @@ def made_by(result: Result) -> str:
         "defects": result.scans.looks.hit.size,
     }
     return "<dl>" + "".join(f"<dt>{escape(k)}</dt><dd>{escape(str(v))}</dd>" for k, v in facts.items()) + "</dl>"
+
+
+def _said(value: Any) -> str:
+    return ", ".join(f"{key} {one}" for key, one in value.items()) if isinstance(value, dict) else str(value)
 
 
 def _range(value: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Any
@@ -168,6 +169,7 @@ def _contradictions(file: PlanFile, scene: Scenario) -> Iterator[Fault]:
         if limits.a90_95_pct is not None and not low < limits.a90_95_pct <= high:
             allowed = f"outside the depths {low:g} to {high:g} % of defects.{name}, which could never show it"
             yield Fault(("limits", "a90_95_pct"), f"{limits.a90_95_pct:g}", allowed)
+        yield from _unsound(name, given, scene.pipe.wall_mm)
     yield from _untrusted(file, scene)
     speeds = file.speeds_mm_s or (scene_speed(scene),)
     fastest = max((speed for speed in speeds if speed), default=None)
@@ -181,6 +183,19 @@ def _contradictions(file: PlanFile, scene: Scenario) -> Iterator[Fault]:
         if limits.seen_share_pct > 100 - strut:
             allowed = f"the strut alone hides {strut:.1f} % of the wall; two passes, or less"
             yield Fault(("limits", "seen_share_pct"), f"{limits.seen_share_pct:g}", allowed)
+
+
+def _unsound(name: str, given: dict[str, Any], wall_mm: float) -> Iterator[Fault]:
+    """A defect some of whose drawn sizes could not be: the first fault at the ends of its ranges."""
+    ends = [value if isinstance(value, list | tuple) else [value] for value in given.values()]
+    for sizes in product(*ends):
+        drawn = dict(zip(given, sizes, strict=True))
+        depth_mm = wall_mm * drawn.pop(DRAWN_DEPTHS) / 100
+        one = {**drawn, "depth_mm": depth_mm, "distance_mm": 0.0, "clock_deg": 0.0}
+        _, faults = checked(FAMILIES[given["kind"]], one)
+        if faults:
+            yield Fault(("defects", name), f"{shown(drawn)} and {depth_mm:.3g} mm deep", faults[0].allowed)
+            return
 
 
 def _untrusted(file: PlanFile, scene: Scenario) -> Iterator[Fault]:

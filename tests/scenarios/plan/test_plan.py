@@ -222,6 +222,11 @@ def test_figures_agree_as_far_as_their_intervals_reach():
         ("diameter_mm: [12, 20]", "diameter_mm: [20, 12]", r"a range \[low, high\]"),
         ("depth_pct: [2, 60]", "depth_mm: 3", "state the depth as depth_pct"),
         ("per_scan: 2", "per_scan: 4", "does not fit into"),
+        (
+            "diameter_mm: [12, 20]",
+            "diameter_mm: [8, 20]",
+            r"defects\.pit: got .*4\.5 mm deep; .*at most half its diameter",
+        ),
         ("pipe.ovality_pct:", "pipe.ovalty_pct:", "pipe.ovalty_pct"),
         ("base: paper-gantry", "base: nowhere", "no such scenario"),
     ],
