@@ -110,7 +110,7 @@ def _tip_of(depths: Float[np.ndarray, "n"], cell_mm: tuple[float, float]) -> Tip
 
 
 def _end_of(levels: Float[np.ndarray, "levels"], size: Float[np.ndarray, "levels"]) -> tuple[float, float, float]:
-    """Where a straight line through sizes at several depths comes to nothing, how fast it falls, how far they are off it.
+    """Where a straight line through sizes at several depths comes to nothing, how fast it falls, how far off they are.
 
     The last is a share of their mean.
     """
