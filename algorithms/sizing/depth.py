@@ -17,7 +17,7 @@ PERCENTILE_SIGMAS = 1.2816  # how far that percentile lies above the mean of a f
 ABOVE_PERCENTILE = 0.375  # a bowl's depths are even over its area: a quarter of median to percentile lies beyond it
 CELL_LOSS = 2.4  # a cell's own median takes a part again of what the smoothing over nine cells takes
 LOSS_OPEN = 0.9  # of such a correction, one standard deviation
-CURVED_OPEN = 0.1  # of what a rounded floor rises within two cells: smoothing takes up to a quarter of it, or none
+CURVED_OPEN = 0.12  # of what a rounded floor rises within two cells: smoothing takes up to a quarter of it, or none
 LAG = 2
 STRAYS = 3  # so many cells may be deeper than the deepest
 LEVELS, LEVELS_TAKEN, LEAST_LEVEL = (0.3, 0.8), 6, 0.7  # of the deepest: where the area of a defect is taken
@@ -29,7 +29,7 @@ SMOOTHED_CELLS = 9  # cells that share their points' noise
 LARGE_CELLS = 20 * SMOOTHED_CELLS  # in a smaller defect a few cells may be its tip
 RUN_MM = 3.0  # a floor stays level for so long behind a shadow
 LEVEL_SHARE = 0.07  # of the depth: a floor that drops by less over that run is level
-BORE_STD_MM = 0.02  # the local bore, from which depth is counted
+BORE_STD_MM = 0.018  # the local bore, from which depth is counted
 
 
 class Floor(NamedTuple):
