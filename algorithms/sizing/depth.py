@@ -67,18 +67,10 @@ def floor_of(
     above = ABOVE_PERCENTILE * max(top - middle - PERCENTILE_SIGMAS * sigma, 0.0)
     open_ = max(LOSS_OPEN * (lost + above), CURVED_OPEN * _curved_mm(deviation, near & (deviation >= top)))
     depth, tip = float(top - added + lost + above), _tip_of(deviation[inside], cell_mm)
-    return Floor(
-        (1 - tip.share) * depth + tip.share * tip.depth_mm,
-        float(
-            np.sqrt(
-                std**2
-                + (1 - tip.share) * open_**2
-                + tip.share * (TIP_OPEN * tip.lost_mm) ** 2
-                + tip.share * (1 - tip.share) * (tip.depth_mm - depth) ** 2
-            )
-        ),
-        True,
-    )
+    # two guesses, a bowl's and a cone's: what each leaves open, and how far they are apart
+    share, apart = tip.share, tip.depth_mm - depth
+    variance = (1 - share) * open_**2 + share * (TIP_OPEN * tip.lost_mm) ** 2 + share * (1 - share) * apart**2
+    return Floor(depth + share * apart, float(np.sqrt(std**2 + variance)), True)
 
 
 class Tip(NamedTuple):
