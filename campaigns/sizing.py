@@ -17,19 +17,20 @@ import numpy as np
 
 from algorithms.trust.curve import NoCurve, size_at
 from algorithms.trust.detection import a90_95
-from algorithms.trust.exact_bounds import rate_of, run_of_hits_bound, share_lower, share_of
+from algorithms.trust.exact_bounds import Rate, rate_of, run_of_hits_bound, share_lower, share_of
 from algorithms.trust.hit_miss import HitMiss, fit_hit_miss
 from campaigns.sizing_scans import FIRST_MM, SENSORS, Looked, looked, place_of, scenario_of
 from scenarios.equations import err_pct, error_pct
 from scenarios.load import load_scenario
 from scenarios.oracle import oracle_err_pct
-from scenarios.trust.performance import DIMENSIONS, K95, depths_pct, intervals, performance_of_scans
+from scenarios.trust.performance import DIMENSIONS, K95, Performance, depths_pct, intervals, performance_of_scans
 from scenarios.trust.performance import sized as sized_targets
 from scenarios.trust.performance_page import words
 from scenarios.trust.runs import ScanOf, Target, scan_of, targets_of
 from twin.features.pit import Pit
 
 PASS_M = 10
+LIT = "pocket, length at least 3 depths, from 20 % of the wall"
 WALL_MM, ROWS, ROW_MM, CLOCKS_DEG = 7.5, 3, 120.0, (75.0, 180.0, 285.0)
 SDR_11_WALL_MM = 6.625 * 25.4 / 11
 
@@ -42,7 +43,7 @@ def bare(asked: argparse.Namespace, maps: Path | None) -> Iterator[Looked]:
         yield looked(scenario_of(seed, asked.sensor, oval, 1000 * PASS_M, asked.set), maps)
 
 
-def clean(asked: argparse.Namespace) -> None:
+def clean(asked: argparse.Namespace) -> Rate:
     """False calls per metre."""
     metres, calls = 0.0, 0
     for one in bare(asked, asked.maps):
@@ -53,6 +54,7 @@ def clean(asked: argparse.Namespace) -> None:
             print(f"seed {one.scenario.seed}: {call}", flush=True)
         rate = rate_of(calls, metres)
         print(f"{metres:.1f} m, {calls} false calls; at most {rate.upper_per_m:.5f} a metre (95 %)", flush=True)
+    return rate_of(calls, metres)
 
 
 def drawn(rng: np.random.Generator, wall_mm: float) -> dict[str, Any]:
@@ -82,7 +84,7 @@ def mixed(seed: int, asked: argparse.Namespace) -> Looked:
     )
 
 
-def sheets(asked: argparse.Namespace) -> None:
+def sheets(asked: argparse.Namespace) -> Performance:
     """Coverage, depths and leaks as `pipetwin report` states them; then coverage on scans that set no constant."""
     scans = [judged(mixed(seed, asked)) for seed in range(asked.first, asked.first + asked.scans)]
     found = performance_of_scans(tuple(scans))
@@ -101,6 +103,7 @@ def sheets(asked: argparse.Namespace) -> None:
         for family, targets in families(found.targets).items():
             own = ratios(targets, name)
             print(f"    {family}: held {share_said(int((own <= K95).sum()), own.size)}")
+    return found
 
 
 def judged(one: Looked) -> ScanOf:
@@ -121,7 +124,7 @@ def families(targets: Sequence[Target]) -> dict[str, list[Target]]:
     for t in targets:
         name = t.feature.shape + " pit" if isinstance(t.feature, Pit) else t.kind
         if t.kind == "pocket" and t.true.length_mm >= 3 * t.true.depth_mm and t.true.depth_mm >= 0.2 * t.wall_mm:
-            name = "pocket, length at least 3 depths, from 20 % of the wall"
+            name = LIT
         out.setdefault(name, []).append(t)
     return out
 
@@ -147,8 +150,11 @@ SDR_11 = {"standard": {"material": "PE", "series": "SDR 11", "nominal_size_in": 
 SWEPT_PCT, SWEPT_ROWS, SWEPT_ROW_MM = (1.0, 16.0), 12, 70.0
 
 
-def pod(asked: argparse.Namespace) -> None:
-    """POD over wall loss of one kind of defect in PE SDR 11, all around the pipe; on seen and on all wall."""
+def pod(asked: argparse.Namespace) -> tuple[np.ndarray, np.ndarray]:
+    """POD over wall loss of one kind of defect in PE SDR 11, all around the pipe; on all and on seen wall.
+
+    Returns the sizes on seen wall, in per cent of the wall, and whether each was found.
+    """
     targets: list[Target] = []
     calls, metres = 0, 0.0
     changes = [*(FINE if asked.kind == "scratch-1" else []), *asked.set]
@@ -167,13 +173,14 @@ def pod(asked: argparse.Namespace) -> None:
         some, false = targets_of(scan, scan.pipe, scan.seen_share)
         targets, calls, metres = targets + some, calls + len(false), metres + scan.length_m
     print(f"{asked.kind}, {asked.sensor}: {len(targets)} targets, {metres:.2f} m, {calls} false calls")
-    for name, some in (("seen wall", [t for t in targets if t.inspected]), ("all wall", targets)):
+    for name, some in (("all wall", targets), ("seen wall", [t for t in targets if t.inspected])):
         size = np.array([100 * t.true.depth_mm / t.wall_mm for t in some])
         hit = np.array([t.found is not None for t in some])
         print(f"{name}: {pod_said(size, hit)}")
         for low, high in pairwise((1, 2, 3, 4, 6, 8, 10, 16.1)):
             part = (size >= low) & (size < high)
             print(f"    {low} to {high} % of the wall: {share_said(int(hit[part].sum()), int(part.sum()))}")
+    return size, hit
 
 
 def pod_said(size_pct: np.ndarray, hit: np.ndarray) -> str:
@@ -186,8 +193,11 @@ def pod_said(size_pct: np.ndarray, hit: np.ndarray) -> str:
     return f"a50 {size_at(curve, 0.5):.3g}, a90 {size_at(curve, 0.9):.3g}, {bounds} % of the wall; {whole}"
 
 
-def paper(asked: argparse.Namespace) -> None:
-    """The paper's pockets, driven by the robot: Eqs 29, 30 and 32, and blind against oracle, seed by seed."""
+def paper(asked: argparse.Namespace) -> np.ndarray:
+    """The paper's pockets, driven by the robot: Eqs 29, 30 and 32, and blind against oracle, seed by seed.
+
+    Returns a row a pocket: its depth, the errors of length, width and depth (mm), Eq. 29, the oracle's, Eq. 30 (%).
+    """
     rows = []
     for seed in range(asked.first, asked.first + asked.scans):
         settings = ["sensing.fidelity=points", *SENSORS[asked.sensor], *asked.set]
@@ -212,15 +222,20 @@ def paper(asked: argparse.Namespace) -> None:
         gap = part[:, 3] - part[:, 4]
         print(f"    blind less oracle: median {np.median(gap):+.2f}, worst {gap.max():+.2f} points")
         print(f"    Eq. 32: mean {quality.mean():.2f}, worst {quality.min():.2f} %; bias {part[:, 2].mean():+.4f} mm")
+    return table
 
 
-PARTS: dict[str, Callable[[argparse.Namespace], None]] = {"clean": clean, "sheets": sheets, "pod": pod, "paper": paper}
+PARTS: dict[str, Callable[[argparse.Namespace], object]] = {
+    "clean": clean,
+    "sheets": sheets,
+    "pod": pod,
+    "paper": paper,
+}
 
 
-def main() -> None:
-    """One part."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("part", choices=PARTS)
+def options_of(description: str | None) -> argparse.ArgumentParser:
+    """What every part is asked."""
+    options = argparse.ArgumentParser(description=description)
     options.add_argument("--kind", choices=SWEPT, default="pit-10", help="what `pod` sweeps")
     options.add_argument("--sensor", choices=SENSORS, default="preset")
     options.add_argument("--first", type=int, default=1000, help="the first scan's seed")
@@ -231,6 +246,13 @@ def main() -> None:
     )
     options.add_argument("--maps", type=Path, default=None, help="a folder where wall maps stay")
     options.add_argument("--set", nargs="*", default=[], help="settings, as in `pipetwin run --set`")
+    return options
+
+
+def main() -> None:
+    """One part."""
+    options = options_of(__doc__)
+    options.add_argument("part", choices=PARTS)
     asked = options.parse_args()
     PARTS[asked.part](asked)
 

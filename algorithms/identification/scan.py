@@ -16,7 +16,7 @@ from algorithms.robust import spread
 from algorithms.types import Reconstruction
 from sensor_model.recording import SLIT_PIXELS_SUFFIX, Recording, SlitPixels
 
-COMMON_PRIOR_PCT, SCALE_PRIOR_PCT, OVALITY_STD_PCT = 3.0, 2.0, 1.0
+COMMON_PRIOR_PCT, SCALE_PRIOR_PCT = 3.0, 2.0
 FEATURE_MM = 1.2  # an oval bore rises less, and is no rule along the pipe
 # the identification believes next to nothing of the wheels, and finds its way by what the rings see
 IDENTIFYING = Method.model_validate(
@@ -26,8 +26,6 @@ IDENTIFYING = Method.model_validate(
             "feature_mm": FEATURE_MM,
             "wheels": {"common_scale_std_pct": COMMON_PRIOR_PCT, "scale_std_pct": SCALE_PRIOR_PCT},
         },
-        # taken for round, an oval bore looks like another tilt and offset
-        "registration": {"kind": "cylinder-map", "ovality_std_pct": OVALITY_STD_PCT},
     }
 )
 

@@ -19,9 +19,9 @@ from algorithms.registration.cylinder_pose import (
     start_of,
     without,
 )
-from algorithms.registration.ray_fit import pack, pull
+from algorithms.registration.ray_fit import normal_matrix, pack, pull, solve
 from algorithms.registration.robust_start import begun
-from algorithms.registration.settle import DONE, NOT_FINITE, REASONS, UNDETERMINED, WORKING, settle
+from algorithms.registration.settle import CUT_SIGMAS, DONE, NOT_FINITE, REASONS, UNDETERMINED, WORKING, settle
 from algorithms.types import Alignment, RingPoints, Wall, failed
 from sensor_model.settings import Settings
 
@@ -32,18 +32,22 @@ LOOSEST_MM, LOOSEST_RAD = 1.0, np.radians(1.0)
 WEAK_PART = 1 / 3
 DISBELIEF_SIGMAS = 3.0
 LEAST_RADIUS, MOST_RADIUS = 0.7, 1.4
+CHI2_2_999 = 13.8  # of two degrees of freedom, exceeded once in a thousand
+LEAST_OVAL = 5e-4  # of the radius
+ASKED = 1000  # inliers are enough to tell
 
 
 class CylinderMapSettings(Settings):
     """Settings of the likeliest cylinder.
 
     `radius_std_pct` says how well the nominal radius is known (None: not at all); a radius that the points contradict
-    is let go, and said. `ovality_std_pct` above 0 lets the pipe be oval by about so much of its radius.
+    is let go, and said. A round wall that they contradict is let be oval, by about `ovality_std_pct` of its radius (0:
+    never).
     """
 
     kind: Literal["cylinder-map"] = "cylinder-map"
     radius_std_pct: Annotated[float, Field(gt=0, le=20)] | None = 1.0
-    ovality_std_pct: Annotated[float, Field(ge=0, le=10)] = 0.0
+    ovality_std_pct: Annotated[float, Field(ge=0, le=10)] = 1.0
 
 
 class Fit(NamedTuple):
@@ -75,6 +79,10 @@ def align(points: RingPoints, wall: Wall, prior: Alignment, settings: CylinderMa
     start = start_of(points.xyz_mm, prior.T_pipe_camera, nominal)
     known = _known(prior, start, settings)
     fit = Fit(*_fit(*measured, start, known, nominal))
+    may_be_oval = fit.status == DONE and settings.ovality_std_pct > 0
+    if may_be_oval and _is_oval(*measured, fit.cylinder, fit.inliers, fit.scale):
+        known = _with_oval(known, settings.ovality_std_pct / 100 * start[6])
+        fit = Fit(*_fit(*measured, start, known, nominal))
     doubts = []
     if fit.status == DONE and _contradicted(fit, known, nominal):
         known[4, 4] = 0.0
@@ -109,14 +117,32 @@ def _what_is_wrong(fit: Fit, share: float, nominal: float) -> str:
 
 
 def _known(prior: Alignment, start: np.ndarray, settings: CylinderMapSettings) -> np.ndarray:
-    """What is known before the points: information on centre, slope, radius and, where the pipe may be oval, that."""
-    known = np.zeros((7, 7) if settings.ovality_std_pct > 0 else (5, 5))
+    """What is known before the points: information on centre, slope and radius."""
+    known = np.zeros((5, 5))
     known[:4, :4] = information_of_axis(prior.information, start, prior.T_pipe_camera)
     if settings.radius_std_pct is not None:
         known[4, 4] = (settings.radius_std_pct / 100 * start[6]) ** -2
-    if settings.ovality_std_pct > 0:
-        known[5, 5] = known[6, 6] = (settings.ovality_std_pct / 100 * start[6]) ** -2
     return known
+
+
+def _with_oval(known: np.ndarray, std_mm: float) -> np.ndarray:
+    """The same, and of an oval how large it may be."""
+    return np.block([[known, np.zeros((5, 2))], [np.zeros((2, 5)), np.eye(2) / std_mm**2]])
+
+
+@njit(cache=True)
+def _is_oval(xyz, direction, sigma, cylinder, inliers, scale):
+    """Whether the inliers of a round wall would lie on an oval one by more than chance, and more than is worth it."""
+    every = max(np.count_nonzero(inliers) // ASKED, 1)
+    packed, _ = pack(xyz, direction, sigma, 0, inliers.size, every)
+    packed[7] = inliers[::every]
+    H, g, step, residual = np.zeros((7, 7)), np.empty(7), np.empty(7), np.empty(packed.shape[1])
+    normal_matrix(packed, cylinder, CUT_SIGMAS * scale, H, g, residual)
+    if not solve(H, g, 0.0, step):
+        return False
+    own, oval = without(H, 0, 5), step[5:]
+    chi2 = (own[0, 0] * oval[0] ** 2 + 2 * own[0, 1] * oval[0] * oval[1] + own[1, 1] * oval[1] ** 2) / scale**2
+    return chi2 > CHI2_2_999 and np.hypot(oval[0], oval[1]) > LEAST_OVAL * cylinder[6]
 
 
 @njit(cache=True)

@@ -24,7 +24,7 @@ FILLED = 0.5  # of its box, as a round hole fills it: rings that cross leave sla
 WIDEST_RAD = np.pi / 2  # a wider one is a lost stretch of the scan, or the strut's sector
 AROUND_MM, AROUND_SEEN = 10.0, 0.8  # so much of the wall before and beyond a dark place must have been seen
 LEAST_POINTS = 2  # in such a cell (or, for a small place, in the mean): with one, gaps are those of a few rings
-NEAR_MM = 4.0  # a measured defect so near to it is what makes it dark
+NEAR_MM = 6.0  # a measured defect so near to it is what makes it dark: a shadow begins at the rim, a size at half depth
 THROUGH_STD_MM = 0.025  # of a depth that is the wall's thickness: the bore's own
 
 

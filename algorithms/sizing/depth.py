@@ -17,11 +17,19 @@ PERCENTILE_SIGMAS = 1.2816  # how far that percentile lies above the mean of a f
 ABOVE_PERCENTILE = 0.375  # a bowl's depths are even over its area: a quarter of median to percentile lies beyond it
 CELL_LOSS = 2.4  # a cell's own median takes a part again of what the smoothing over nine cells takes
 LOSS_OPEN = 0.9  # of such a correction, one standard deviation
+CURVED_OPEN = 0.12  # of what a rounded floor rises within two cells: smoothing takes up to a quarter of it, or none
+LAG = 2
+STRAYS = 3  # so many cells may be deeper than the deepest
+LEVELS, LEVELS_TAKEN, LEAST_LEVEL = (0.3, 0.8), 6, 0.7  # of the deepest: where the area of a defect is taken
+CONE_CELLS = (1.6, 2.0)  # run of a cone's sides that smoothing takes from its tip; a bowl's would be longer
+CONE_BOWL = (0.95, 1.05)  # the end of a bowl over the deepest cells: within them, it is none
+STRAIGHT = 0.08  # of a line's mean: what is off it by more is no cone
+TIP_OPEN = 0.35  # of what is missing of a tip, one standard deviation
 SMOOTHED_CELLS = 9  # cells that share their points' noise
 LARGE_CELLS = 20 * SMOOTHED_CELLS  # in a smaller defect a few cells may be its tip
 RUN_MM = 3.0  # a floor stays level for so long behind a shadow
 LEVEL_SHARE = 0.07  # of the depth: a floor that drops by less over that run is level
-BORE_STD_MM = 0.025  # the local bore, from which depth is counted
+BORE_STD_MM = 0.018  # the local bore, from which depth is counted
 
 
 class Floor(NamedTuple):
@@ -41,13 +49,13 @@ def floor_of(
     deviation: Float[np.ndarray, "around along"],
     inside: Bool[np.ndarray, "around along"],
     noise: Float[np.ndarray, "around along"],
-    cell_mm: float,
+    cell_mm: tuple[float, float],
 ) -> Floor:
-    """The depth of one defect in a window of the map."""
+    """The depth of one defect in a window of the map; cells are so long and so wide."""
     near = inside & (deviation > NEAR_DEEPEST_SHARE * _deepest_mm(deviation[inside]))
     depths, sigma = deviation[near], float(np.median(noise[near]))
     middle, top = np.percentile(depths, [50, DEEPEST_PERCENTILE])
-    seen = _is_seen(deviation, inside, float(top), sigma, cell_mm)
+    seen = _is_seen(deviation, inside, float(top), sigma, cell_mm[0])
     # what noise adds to a percentile: all of it on a flat floor, less where the floor, with its rim, itself varies
     scatter = max(float(np.std(depths)), sigma)
     added = PERCENTILE_SIGMAS * sigma**2 / scatter
@@ -57,7 +65,61 @@ def floor_of(
         return Floor(float(top - added), float(np.hypot(std, added)), False)
     lost = CELL_LOSS * max(_lost_mm(deviation, near & (deviation >= top)) - sigma, 0.0)
     above = ABOVE_PERCENTILE * max(top - middle - PERCENTILE_SIGMAS * sigma, 0.0)
-    return Floor(float(top - added + lost + above), float(np.hypot(std, LOSS_OPEN * (lost + above))), True)
+    open_ = max(LOSS_OPEN * (lost + above), CURVED_OPEN * _curved_mm(deviation, near & (deviation >= top)))
+    depth, tip = float(top - added + lost + above), _tip_of(deviation[inside], cell_mm)
+    # two guesses, a bowl's and a cone's: what each leaves open, and how far they are apart
+    share, apart = tip.share, tip.depth_mm - depth
+    variance = (1 - share) * open_**2 + share * (TIP_OPEN * tip.lost_mm) ** 2 + share * (1 - share) * apart**2
+    return Floor(depth + share * apart, float(np.sqrt(std**2 + variance)), True)
+
+
+class Tip(NamedTuple):
+    """Where a cone would end, how far that is beyond the deepest cells, and how like a cone the defect is, 0 to 1."""
+
+    depth_mm: float
+    lost_mm: float
+    share: float
+
+
+def _tip_of(depths: Float[np.ndarray, "n"], cell_mm: tuple[float, float]) -> Tip:
+    """The tip that a defect's area at several depths leads to, if it is pointed.
+
+    The root of a cone's area falls evenly with depth, the area of a bowl itself does; and smoothing takes from a tip
+    what the sides fall over a cell or two, where a bowl, taken for a cone, would be far deeper than its deepest cells.
+    """
+    deepest = min(_deepest_mm(depths), float(np.sort(depths)[-min(STRAYS, depths.size)]))
+    levels = np.linspace(max(LEVELS[0] * deepest, float(depths.min())), LEVELS[1] * deepest, LEVELS_TAKEN)
+    area = np.sum(depths > levels[:, None], axis=1) * cell_mm[0] * cell_mm[1]
+    if levels[0] > LEAST_LEVEL * deepest or area[-1] == area[0]:
+        return Tip(deepest, 0.0, 0.0)
+    tip, run, off = _end_of(levels, np.sqrt(area / np.pi))
+    bowl, _, _ = _end_of(levels, area)
+    if off > STRAIGHT:  # a pit in a pocket's floor, say
+        return Tip(deepest, 0.0, 0.0)
+    cells = (tip - deepest) * run / np.sqrt(cell_mm[0] * cell_mm[1])
+    share = np.interp(cells, CONE_CELLS, (1.0, 0.0)) * np.interp(bowl / deepest, CONE_BOWL, (1.0, 0.0))
+    return Tip(tip, tip - deepest, float(share))
+
+
+def _end_of(levels: Float[np.ndarray, "levels"], size: Float[np.ndarray, "levels"]) -> tuple[float, float, float]:
+    """Where a straight line through sizes at several depths comes to nothing, how fast it falls, how far off they are.
+
+    The last is a share of their mean.
+    """
+    per_mm, at_surface = np.polyfit(levels, size, 1)
+    off = float(np.std(size - per_mm * levels - at_surface) / np.mean(size))
+    return float(-at_surface / per_mm), float(-per_mm), off
+
+
+def _curved_mm(deviation: Float[np.ndarray, "around along"], deepest: Bool[np.ndarray, "around along"]) -> float:
+    """By how much a floor rises within two cells of its deepest ones, on the side where it rises least, either way."""
+    rises = []
+    for turned, cells in ((deviation, deepest), (deviation.T, deepest.T)):
+        wide = np.pad(turned, ((LAG, LAG), (0, 0)), constant_values=np.nan)
+        beside = np.fmax(wide[: -2 * LAG], wide[2 * LAG :])
+        rise = (turned - beside)[cells]
+        rises.append(float(np.median(rise[np.isfinite(rise)])) if np.isfinite(rise).any() else 0.0)
+    return max(*rises, 0.0)
 
 
 def _deepest_mm(depths: Float[np.ndarray, "n"]) -> float:

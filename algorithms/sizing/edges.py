@@ -11,17 +11,17 @@ from algorithms.robust import spread
 
 GAP_MM = 2.0  # more unseen wall than this between wall and floor is a shadow
 LOST_MM = 7.0  # over so much unseen wall nothing is drawn
-CELL_SHARE = 0.2  # of a cell: the least that a line between two cells leaves open of an edge's place
+CELL_SHARE = 0.14  # of a cell: the least that a line between two cells leaves open of an edge's place
 NEAR_SIGMAS = 2.0  # lines within so many standard deviations of the outermost edge belong to it
 MOST_WORN = 0.8  # cells
 STRAY_SHARE = 0.15  # of all lines: so many may be stray
-STRAY_SIGMAS, STRAY_STEPS = 2.0, 2.5  # apart by more than so much noise, and so many steps from line to line
+STRAY_SIGMAS, STRAY_STEPS = 2.0, 4.0  # apart by more than so much noise, and so many steps from line to line
 TIP_SHARE = 0.25  # of the step from line to line: where between two lines a tip lies
 END_LINES = 2.0  # by so many lines a slanted groove may run on beyond its last: smoothing wears off its ends
 RIM_SHARE = 0.3  # of the level: a side wall that has risen so far is near its rim
+RIM_OPEN = 0.22  # of a cell: the least that a shadow leaves open of a rim's place
 SHADOW_SHARE = 0.5  # of a shadow's depth: what lies less deep behind a gap lies in no shadow
 SMOOTHED_CELLS = 0.6  # by which the median of three cells widens a side wall
-ROUNDS = 12
 LAG = 2  # lines so far apart share no cell of the smoothing's three
 
 
@@ -114,7 +114,7 @@ def _rim(wall: int, first_deep: int, shadow: float, foot: float, furthest: float
     behind, last = wall + 0.5, first_deep - 0.5
     before = min(max(last - shadow, behind), last)
     edge = max(0.5 * (behind + before), behind + min(foot, furthest))
-    return edge, CELL_SHARE + 0.5 * (before - behind) / np.sqrt(3)
+    return edge, RIM_OPEN + 0.5 * (before - behind) / np.sqrt(3)
 
 
 def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float, lost: float) -> tuple[float, float]:
@@ -143,16 +143,10 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     neither out nor in; a round or pointed one gives its tip.
     """
     noise = max(_line_noise(edge), CELL_SHARE, 0.5 * float(np.median(open_)))
-    place = _first_supported(edge, noise)
-    for _ in range(ROUNDS):
-        near = np.abs(edge - place) <= NEAR_SIGMAS * noise
-        if not near.any():
-            break
-        place, before = float(edge[near].mean()), place
-        if place == before:
-            break
-    near = np.abs(edge - place) <= NEAR_SIGMAS * noise
-    lines = max(int(near.sum()), 1)
+    first = _first_supported(edge, noise)
+    near = np.abs(edge - first) <= NEAR_SIGMAS * noise
+    # once only: on the side of a slanted groove the lines near a mean lie ever further in
+    place, lines = float(edge[near].mean()) if near.any() else first, max(int(near.sum()), 1)
     # the smoothing's median of nine takes a cell over its radius from a round tip, whose chord these lines are
     worn = min(8 * NEAR_SIGMAS * CELL_SHARE / lines**2, MOST_WORN)
     steps = TIP_SHARE * float(np.median(np.abs(np.diff(edge)))) if edge.size > 1 else 0.0

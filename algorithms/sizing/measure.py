@@ -22,6 +22,7 @@ from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
+JOIN_SHARE = 0.5  # of the threshold: what is so deep between groups of cells beyond it makes them one
 AROUND_SHARE = 0.95  # of the lines seen: crossed on so many, a groove goes around the pipe
 TRAVEL_STD_SHARE = 0.003  # of a length: what wheels that slip or fall into the defect leave open of the travel
 
@@ -86,7 +87,8 @@ def _windows(
     settings: SizingSettings,
 ) -> Iterator[Window]:
     """A window on every group of cells beyond the threshold that is large enough."""
-    labels = segment(deviation_mm > threshold_mm, wall, pipe.inner_radius_mm, settings.join_mm)
+    labels = segment(deviation_mm > JOIN_SHARE * threshold_mm, wall, pipe.inner_radius_mm, settings.join_mm)
+    labels[~(deviation_mm > threshold_mm)] = 0
     deepest = pipe.wall_thickness_mm / np.tan(steepest_light_rad) + LOST_MM  # as far as a shadow can reach
     for columns, rows in groups(labels):
         if columns.size < settings.min_cells:
@@ -128,7 +130,7 @@ def measure_one(
     """Size one defect: depth over the background, then both extents at half of that depth."""
     deviation, inside = window.deviation_mm, window.inside
     cell_z, cell_arc = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm)
-    depth = floor_of(deviation, inside, window.noise_mm, cell_z)
+    depth = floor_of(deviation, inside, window.noise_mm, (cell_z, cell_arc))
     axial, arc, floor = outline_of(deviation, inside, depth, (cell_z, cell_arc), steepest_light_rad)
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]

@@ -261,14 +261,24 @@ def test_the_posterior_is_worth_what_it_says():
     assert np.sqrt(np.mean(np.square(errors) / np.square(std))) == pytest.approx(1, abs=0.2)
 
 
-def test_an_oval_pipe_is_fitted_as_such_where_it_may_be_oval():
-    frame = _frame(ovality_pct=1.0, arc_deg=250.0)
-    as_round = _align(frame.points, odometry(frame.T_pipe_camera))
-    as_oval = _align(frame.points, odometry(frame.T_pipe_camera), ovality_std_pct=1.0)
-    assert as_oval.noise_scale == pytest.approx(1, abs=0.1)
+@pytest.mark.parametrize("ovality_pct", [0.2, 0.5, 1.0, 4.0])
+def test_an_oval_pipe_is_fitted_as_such_unless_it_is_said_to_be_round(ovality_pct):
+    frame = _frame(ovality_pct=ovality_pct, arc_deg=320.0)
+    as_oval = _align(frame.points, odometry(frame.T_pipe_camera))
+    as_round = _align(frame.points, odometry(frame.T_pipe_camera), ovality_std_pct=0.0)
+    off = [np.linalg.norm((a.T_pipe_camera - frame.T_pipe_camera)[:2, 3]) for a in (as_oval, as_round)]
+    assert off[0] < 0.05 < off[1]
     assert as_oval.inliers.mean() > 0.95
-    assert as_round.inliers.mean() < 0.9
+    assert as_oval.noise_scale == pytest.approx(1, abs=0.1)
     assert as_oval.radius_mm == pytest.approx(76.2, abs=0.05)
+
+
+def test_a_round_pipe_with_a_large_defect_is_fitted_as_one_that_is_said_to_be_round():
+    for seed in range(5):
+        frame = two_frames(FrameCase(points=3000, defect_share=0.3, arc_deg=320.0), seed)[1]
+        found = _align(frame.points, odometry(frame.T_pipe_camera))
+        as_round = _align(frame.points, odometry(frame.T_pipe_camera), ovality_std_pct=0.0)
+        assert np.allclose(found.T_pipe_camera, as_round.T_pipe_camera, atol=0.01)
 
 
 def test_many_points_are_no_worse_than_few_and_labelled_all():

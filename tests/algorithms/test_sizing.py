@@ -270,6 +270,33 @@ def test_a_slanted_scratch_is_as_long_as_from_tip_to_tip():
     assert found.width_mm == pytest.approx(true.width_mm, abs=1.5)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_long_shallow_scratch_is_one_though_noise_lifts_parts_of_it(seed):
+    rng = np.random.default_rng(seed)
+    wall, deviation = _map(_pipe()), rng.normal(0, 0.04, (360, 300))
+    deviation[100:103, 100:180] += 0.42 + 0.08 * np.sin(np.arange(80) / 6)
+    noise = np.full(deviation.shape, 0.04)
+    (found,) = measure_defects(
+        wall, deviation, np.full(deviation.shape, 0.4), noise, NOMINAL, STEEPEST, SizingSettings()
+    )
+    assert found.length_mm == pytest.approx(80, abs=2)
+
+
+def test_a_cone_s_tip_lies_where_its_sides_lead_to_and_a_bowl_has_none():
+    off = {"conical": [], "spherical": []}
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        place = {"distance_mm": 150 + rng.uniform(-1, 1), "clock_deg": 120 + rng.uniform(-1, 1)}
+        size = {"diameter_mm": rng.uniform(12, 28), "depth_mm": rng.uniform(2.5, 3.5)}
+        for shape, errors in off.items():
+            (found,) = _measure(_map(_pipe({**CONE, **place, **size, "shape": shape}), noise=0.05, seed=seed))
+            errors.append((found.depth_mm - size["depth_mm"]) / np.array([size["depth_mm"], 1.96 * found.depth_std_mm]))
+    for errors in off.values():
+        share, held = np.transpose(errors)
+        assert np.sqrt(np.mean(share**2)) < 0.05, share
+        assert np.mean(np.abs(held) <= 1) > 0.9, held
+
+
 def test_one_stray_line_moves_no_edge():
     wall = _map(_pipe({**POCKET, "depth_mm": 3}))
     radius = wall.radius_mm.copy()
