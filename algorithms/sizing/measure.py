@@ -22,6 +22,7 @@ from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
+BLUNT = 1.5  # times the usual standard deviation of points: a cell that the innermost slits alone have seen
 AROUND_SHARE = 0.95  # of the lines seen: crossed on so many, a groove goes around the pipe
 TRAVEL_STD_SHARE = 0.003  # of a length: what wheels that slip or fall into the defect leave open of the travel
 
@@ -129,8 +130,9 @@ def measure_one(
     """Size one defect: depth over the background, then both extents at half of that depth."""
     deviation, inside = window.deviation_mm, window.inside
     cell_z, cell_arc = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm)
-    depth = floor_of(deviation, inside, window.noise_mm, cell_z)
-    axial, arc, floor = outline_of(deviation, inside, window.sigma_mm, depth, (cell_z, cell_arc), steepest_light_rad)
+    blunt = window.sigma_mm > BLUNT * np.nanmedian(window.sigma_mm)
+    depth = floor_of(deviation, inside, blunt, window.noise_mm, cell_z)
+    axial, arc, floor = outline_of(deviation, inside, blunt, depth, (cell_z, cell_arc), steepest_light_rad)
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
     turn = (window.first_column + (arc.start_mm + arc.end_mm) / 2 / cell_arc) * 2 * np.pi / wall.theta_rad.size

@@ -11,7 +11,6 @@ from algorithms.sizing.depth import Floor
 from algorithms.sizing.edges import Extent, edges_of, extent_of
 
 OPEN_MM = 0.05  # a depth known better moves no edge
-BLUNT = 1.5  # times the usual standard deviation of points: a cell that the innermost slits alone have seen
 PARTWAY_SHARE = 0.9  # of the level: so near to it a place is neither wall nor floor
 
 
@@ -26,12 +25,12 @@ class Outline(NamedTuple):
 def outline_of(
     deviation: Float[np.ndarray, "around along"],
     inside: Bool[np.ndarray, "around along"],
-    sigma: Float[np.ndarray, "around along"],
+    blunt: Bool[np.ndarray, "around along"],
     depth: Floor,
     cell_mm: tuple[float, float],
     steepest_light_rad: float,
 ) -> Outline:
-    """The outline at half of a depth; cells are so long and so wide, and `sigma` is that of the points in each.
+    """The outline at half of a depth; cells are so long and so wide; `blunt` are those the innermost slits alone saw.
 
     A depth that is open moves the level, and on sides that slope the edges with it: by how much, a second outline says.
     """
@@ -40,7 +39,7 @@ def outline_of(
     if level >= 2 * most:  # of single spikes smoothing is thought to have taken most: none is as high as half of that
         level = most
     # along the pipe the innermost slits are several cells wide, and blur a rim into a slope: the others tell its place
-    blurred = (sigma > BLUNT * np.nanmedian(sigma)) & (np.abs(deviation - level) < PARTWAY_SHARE * level)
+    blurred = blunt & (np.abs(deviation - level) < PARTWAY_SHARE * level)
     sharp = np.where(blurred, np.nan, deviation)
     outline = _at(deviation, sharp, inside, level, cell_mm, steepest_light_rad)
     higher = level + 0.5 * depth.std_mm

@@ -117,6 +117,15 @@ def test_a_slope_that_only_blunt_slits_show_in_a_shadow_moves_no_rim():
     assert found.length_mm == pytest.approx(70, abs=1.0)
 
 
+def test_a_few_cells_that_only_blunt_slits_show_make_no_floor_deeper():
+    wall = _map(_pipe({**POCKET, "depth_mm": 5.0}))
+    stray = np.zeros(wall.seen.shape, dtype=bool)
+    stray[117:120, 165:168] = True
+    blunt = np.where(stray, 2.0, 1.0) * wall.sigma_mm
+    (found,) = _measure(replace(wall, radius_mm=wall.radius_mm + 2.5 * stray, sigma_mm=blunt))
+    assert found.depth_mm == pytest.approx(5.0, abs=0.1)
+
+
 @pytest.mark.parametrize("margin_mm", [2.5, 4.0])
 def test_a_shadow_under_the_near_rim_does_not_move_the_edge(margin_mm):
     start, run = 115.0, 7.5 / np.tan(STEEPEST)
