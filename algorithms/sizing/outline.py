@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from algorithms.sizing.depth import Floor
+from algorithms.sizing.depth import LARGE_CELLS, Floor
 from algorithms.sizing.edges import Extent, edges_of, extent_of
 
 OPEN_MM = 0.05  # a depth known better moves no edge
@@ -58,7 +58,7 @@ def _at(
     steepest_light_rad: float,
 ) -> Outline:
     floor, (length, width) = inside & (deviation > level), cell_mm
-    seen = sharp if (floor & (sharp > level)).any() else deviation
+    seen = sharp if np.count_nonzero(floor & (sharp > level)) >= LARGE_CELLS else deviation
     shadow = 1 / float(np.tan(steepest_light_rad))
     axial = extent_of(edges_of(seen, floor & (seen > level), level, length, shadow), length)
     return Outline(axial, extent_of(edges_of(deviation.T, floor.T, level, width), width), floor)
