@@ -9,7 +9,7 @@ from algorithms.decoding.colors import color_scores
 from algorithms.decoding.dips import Dips, find_dips
 from algorithms.decoding.lines import directions, polar_lines, radial_range_px
 from algorithms.decoding.settings import DecodeSettings
-from algorithms.decoding.words import by_line, jump_px, name_slits, roughness_px, supported, usual
+from algorithms.decoding.words import by_line, jump_px, name_slits, roughness_px, supported, usual, whole
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 
@@ -26,7 +26,7 @@ def decode(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, settings: Dec
     dips = find_dips(lines, first, settings)
     colors = color_scores(dips, settings)
     slit = name_slits(dips, colors, rig)
-    slit = usual(slit, dips, settings)
+    slit = whole(usual(slit, dips, settings), dips, len(rig.projector.slits), settings)
     radius_px = by_line(slit, dips.radius_px, len(rig.projector.slits))
     slit = supported(slit, dips.radius_px, dips.found, settings.support_lines, jump_px(radius_px, settings.support_px))
     return _slit_pixels(dips, slit, roughness_px(radius_px), rig, settings)

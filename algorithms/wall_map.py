@@ -18,7 +18,9 @@ from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
 INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radius is no wall
-OUTWARD_MM = 1.0  # nor is what lies further outside than the wall is thick, and this for noise
+# nor is what lies further outside than the wall is thick, and this for noise, or so many of its own deviations: of
+# points on a floor as deep as the wall a nearer limit would take the outer ones alone, and make it shallower
+OUTWARD_MM, OUTWARD_SIGMAS = 1.0, 2.0
 WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32)])
 MOST_WAITING = 2**20  # in all blocks: a robot that stands, or goes to and fro, must not fill the memory
 MOST_EMPTY = 1000  # blocks
@@ -54,17 +56,21 @@ class MapBuilder:
 
 def on_a_wall(points: RingPoints, T_pipe_camera: Float[np.ndarray, "4 4"], pipe: NominalPipe) -> Bool[np.ndarray, "n"]:
     """Points that lie where a wall can be: outside it are the false slits that shadows and mixed colours make."""
-    outermost = pipe.inner_radius_mm + pipe.wall_thickness_mm + OUTWARD_MM
-    return _between(points.xyz_mm, T_pipe_camera, INWARD_SHARE * pipe.inner_radius_mm, outermost)
+    outermost = pipe.inner_radius_mm + pipe.wall_thickness_mm
+    limits = INWARD_SHARE * pipe.inner_radius_mm, outermost, OUTWARD_MM, OUTWARD_SIGMAS
+    return _between(points.xyz_mm, points.direction, points.sigma_mm, T_pipe_camera, limits)
 
 
 @njit(cache=True, error_model="numpy")
-def _between(xyz_camera, T, inner, outer):
-    """Which points lie between two cylinders about the pipe's axis."""
-    inside = np.empty(xyz_camera.shape[0], dtype=np.bool_)
+def _between(xyz_camera, direction, sigma_mm, T, limits):
+    """Which points lie between two cylinders about the pipe's axis, but for their own deviation beyond the outer."""
+    inside, (inner, outer, least_mm, sigmas) = np.empty(xyz_camera.shape[0], dtype=np.bool_), limits
     for i in range(inside.size):
         x, y, _ = _in_pipe(T, xyz_camera[i, 0], xyz_camera[i, 1], xyz_camera[i, 2], 1.0)
-        inside[i] = inner < np.sqrt(x * x + y * y) < outer
+        lx, ly, _ = _in_pipe(T, direction[i, 0], direction[i, 1], direction[i, 2], 0.0)
+        rho = np.sqrt(x * x + y * y)
+        beyond = max(least_mm, sigmas * sigma_mm[i] * abs(lx * x + ly * y) / rho)
+        inside[i] = inner < rho < outer + beyond
     return inside
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
+from scipy.ndimage import uniform_filter1d
 
 from algorithms.decoding.dips import Dips
 from algorithms.decoding.settings import DecodeSettings
@@ -67,6 +68,30 @@ def usual(slit: Int[np.ndarray, "lines most"], dips: Dips, settings: DecodeSetti
     most = np.log(settings.width_ratio), 1 - settings.depth_share
     out = slit.copy()
     out[line, place] = np.where(_unusual(slit[line, place], log_width, depth, *most), -1, slit[line, place])
+    return out
+
+
+def whole(
+    slit: Int[np.ndarray, "lines most"], dips: Dips, slits: int, settings: DecodeSettings
+) -> Int[np.ndarray, "lines most"]:
+    """Drop what a defect's rim splits: a slit partly on the wall before it and partly on the floor beyond its shadow.
+
+    Its edges lie on different walls, and the place halfway between them on neither. It is wider by the shadow, in a
+    row of lines, which tells it from a rough print that makes single lines as wide.
+    """
+    log_width = by_line(slit, np.log(dips.width_px), slits)
+    known = np.isfinite(log_width)
+    beside = 2 * settings.pooled_lines + 1
+    total, share = (
+        uniform_filter1d(part, beside, mode="wrap") for part in (np.where(known, log_width, 0.0), 1.0 * known)
+    )
+    split = np.zeros(known.shape, dtype=bool)
+    for k in np.flatnonzero(known.any(axis=1)):
+        pooled = total[k, known[k]] / share[k, known[k]]
+        split[k, known[k]] = pooled - np.median(pooled) > np.log(settings.width_ratio)
+    line, place = np.nonzero(slit >= 0)
+    out = slit.copy()
+    out[line, place] = np.where(split[slit[line, place], line], -1, slit[line, place])
     return out
 
 

@@ -48,11 +48,17 @@ def visible_depth_mm(length_mm: float, steepest_light_rad: float) -> float:
 def floor_of(
     deviation: Float[np.ndarray, "around along"],
     inside: Bool[np.ndarray, "around along"],
+    blunt: Bool[np.ndarray, "around along"],
     noise: Float[np.ndarray, "around along"],
     cell_mm: tuple[float, float],
 ) -> Floor:
-    """The depth of one defect in a window of the map; cells are so long and so wide."""
-    near = inside & (deviation > NEAR_DEEPEST_SHARE * _deepest_mm(deviation[inside]))
+    """The depth of one defect in a window of the map, by its sharp cells where there are enough.
+
+    Cells are so long and so wide.
+    """
+    sharp = inside & ~blunt
+    near = sharp if np.count_nonzero(sharp) >= LARGE_CELLS else inside
+    near = near & (deviation > NEAR_DEEPEST_SHARE * _deepest_mm(deviation[near]))
     depths, sigma = deviation[near], float(np.median(noise[near]))
     middle, top = np.percentile(depths, [50, DEEPEST_PERCENTILE])
     seen = _is_seen(deviation, inside, float(top), sigma, cell_mm[0])

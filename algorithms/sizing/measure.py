@@ -22,6 +22,7 @@ from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
+BLUNT = 1.5  # times the usual standard deviation of points: a cell that the innermost slits alone have seen
 JOIN_SHARE = 0.5  # of the threshold: what is so deep between groups of cells beyond it makes them one
 AROUND_SHARE = 0.95  # of the lines seen: crossed on so many, a groove goes around the pipe
 TRAVEL_STD_SHARE = 0.003  # of a length: what wheels that slip or fall into the defect leave open of the travel
@@ -50,6 +51,7 @@ class Window(NamedTuple):
 
     deviation_mm: Float[np.ndarray, "around along"]
     noise_mm: Float[np.ndarray, "around along"]
+    sigma_mm: Float[np.ndarray, "around along"]
     inside: Bool[np.ndarray, "around along"]
     first_column: int
     first_row: int
@@ -93,7 +95,7 @@ def _windows(
     for columns, rows in groups(labels):
         if columns.size < settings.min_cells:
             continue
-        window = _window(wall, (deviation_mm, noise_mm), columns, rows, deepest, pipe.inner_radius_mm)
+        window = _window(wall, (deviation_mm, noise_mm, wall.sigma_mm), columns, rows, deepest, pipe.inner_radius_mm)
         length, width = np.ptp(np.nonzero(window.inside), axis=1)[::-1] + 1
         width_mm = width * wall.cell_arc_mm(pipe.inner_radius_mm)
         if length * wall.cell_z_mm >= settings.min_length_mm and width_mm >= settings.min_width_mm:
@@ -102,7 +104,7 @@ def _windows(
 
 def _window(
     wall: WallMap,
-    maps: tuple[np.ndarray, np.ndarray],
+    maps: tuple[np.ndarray, ...],
     columns: Int[np.ndarray, "n"],
     rows: Int[np.ndarray, "n"],
     margin_mm: float,
@@ -118,10 +120,10 @@ def _window(
     ahead = int(np.ceil(margin_mm / wall.cell_z_mm))
     begin, end = max(int(rows.min()) - ahead, 0), min(int(rows.max()) + ahead + 1, along)
     taken = np.arange(middle + first, middle + last + 1) % around
-    deviation, noise = (part[taken, begin:end] for part in maps)
+    deviation, noise, sigma = (part[taken, begin:end] for part in maps)
     inside = np.zeros(deviation.shape, dtype=bool)
     inside[turned - first, rows - begin] = True
-    return Window(deviation, noise, inside, middle + first, begin)
+    return Window(deviation, noise, sigma, inside, middle + first, begin)
 
 
 def measure_one(
@@ -130,8 +132,9 @@ def measure_one(
     """Size one defect: depth over the background, then both extents at half of that depth."""
     deviation, inside = window.deviation_mm, window.inside
     cell_z, cell_arc = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm)
-    depth = floor_of(deviation, inside, window.noise_mm, (cell_z, cell_arc))
-    axial, arc, floor = outline_of(deviation, inside, depth, (cell_z, cell_arc), steepest_light_rad)
+    blunt = window.sigma_mm > BLUNT * np.nanmedian(window.sigma_mm)
+    depth = floor_of(deviation, inside, blunt, window.noise_mm, (cell_z, cell_arc))
+    axial, arc, floor = outline_of(deviation, inside, blunt, depth, (cell_z, cell_arc), steepest_light_rad)
     columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
     turn = (window.first_column + (arc.start_mm + arc.end_mm) / 2 / cell_arc) * 2 * np.pi / wall.theta_rad.size

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from algorithms.sizing.depth import Floor
+from algorithms.sizing.depth import LARGE_CELLS, Floor
 from algorithms.sizing.edges import Extent, edges_of, extent_of
 
 OPEN_MM = 0.05  # a depth known better moves no edge
+PARTWAY_SHARE = 0.9  # of the level: so near to it a place is neither wall nor floor
 
 
 class Outline(NamedTuple):
@@ -24,11 +25,12 @@ class Outline(NamedTuple):
 def outline_of(
     deviation: Float[np.ndarray, "around along"],
     inside: Bool[np.ndarray, "around along"],
+    blunt: Bool[np.ndarray, "around along"],
     depth: Floor,
     cell_mm: tuple[float, float],
     steepest_light_rad: float,
 ) -> Outline:
-    """The outline at half of a depth; cells are so long and so wide.
+    """The outline at half of a depth; cells are so long and so wide; `blunt` are those the innermost slits alone saw.
 
     A depth that is open moves the level, and on sides that slope the edges with it: by how much, a second outline says.
     """
@@ -36,19 +38,29 @@ def outline_of(
     level = 0.5 * depth.depth_mm
     if level >= 2 * most:  # of single spikes smoothing is thought to have taken most: none is as high as half of that
         level = most
-    outline = _at(deviation, inside, level, cell_mm, steepest_light_rad)
+    # along the pipe the innermost slits are several cells wide, and blur a rim into a slope: the others tell its place
+    blurred = blunt & (np.abs(deviation - level) < PARTWAY_SHARE * level)
+    sharp = np.where(blurred, np.nan, deviation)
+    outline = _at(deviation, sharp, inside, level, cell_mm, steepest_light_rad)
     higher = level + 0.5 * depth.std_mm
     if depth.std_mm < OPEN_MM or higher >= 2 * most:
         return outline
-    other = _at(deviation, inside, higher, cell_mm, steepest_light_rad)
+    other = _at(deviation, sharp, inside, higher, cell_mm, steepest_light_rad)
     return outline._replace(axial=_opened(outline.axial, other.axial), arc=_opened(outline.arc, other.arc))
 
 
 def _at(
-    deviation: np.ndarray, inside: np.ndarray, level: float, cell_mm: tuple[float, float], steepest_light_rad: float
+    deviation: np.ndarray,
+    sharp: np.ndarray,
+    inside: np.ndarray,
+    level: float,
+    cell_mm: tuple[float, float],
+    steepest_light_rad: float,
 ) -> Outline:
     floor, (length, width) = inside & (deviation > level), cell_mm
-    axial = extent_of(edges_of(deviation, floor, level, length, 1 / float(np.tan(steepest_light_rad))), length)
+    seen = sharp if np.count_nonzero(floor & (sharp > level)) >= LARGE_CELLS else deviation
+    shadow = 1 / float(np.tan(steepest_light_rad))
+    axial = extent_of(edges_of(seen, floor & (seen > level), level, length, shadow), length)
     return Outline(axial, extent_of(edges_of(deviation.T, floor.T, level, width), width), floor)
 
 

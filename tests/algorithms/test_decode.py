@@ -134,6 +134,20 @@ def test_a_slit_before_a_rim_keeps_its_colour_where_its_band_is_cut_short():
     assert [red / (red + green + blue), blue / (red + green + blue)] == pytest.approx([0.526, 0.211], abs=0.02)
 
 
+def test_a_slit_that_a_rim_splits_is_dropped_and_one_with_a_rough_print_is_not():
+    settings, rng = DecodeSettings(), np.random.default_rng(0)
+    width = 14.0 + rng.uniform(-4, 4, 720)  # a rough print: no line is like the next
+    width[300:350] += 9.0  # the shadow at the rim, where the slit is on both sides of it
+    one = np.zeros((720, 1))
+    found = dips.Dips(
+        np.ones(720, int), one + 250, width[:, None], one + 0.2, np.zeros((720, 1, 3, 3)), np.zeros((720, 4))
+    )
+    slit = words.whole(np.zeros((720, 1), int), found, 8, settings)[:, 0]
+    assert (slit[308:342] == -1).all()
+    assert (slit[:292] == 0).all()
+    assert (slit[358:] == 0).all()
+
+
 def test_compiled_flattening_agrees_with_plain_means():
     rng = np.random.default_rng(0)
     smooth = rng.uniform(1, 300, 200).astype(np.float32)

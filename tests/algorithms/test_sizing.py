@@ -102,6 +102,30 @@ def test_every_family_is_found_and_sized(feature):
     assert found.width_mm == pytest.approx(true.width_mm, abs=3.0)
 
 
+def test_a_slope_that_only_blunt_slits_show_in_a_shadow_moves_no_rim():
+    shadow = 7.5 / np.tan(STEEPEST)
+
+    def hidden(theta, z):
+        return (np.abs(np.degrees(theta) - 120) < 13.2) & (z > 115 - 2) & (z < 115 + shadow + 2)
+
+    wall = _map(_pipe(POCKET), hide=hidden)
+    dark = hidden(wall.theta_rad[:, None], wall.z_mm[None])
+    slope = dark & (wall.z_mm > 115) & (np.random.default_rng(1).random(dark.shape) < 0.3)
+    radius = np.where(slope, 76.2 + 0.4 * (wall.z_mm - 115), wall.radius_mm)
+    blunt = np.where(slope, 2.0, 1.0) * wall.sigma_mm
+    (found,) = _measure(replace(wall, radius_mm=radius, sigma_mm=blunt, count=np.where(np.isfinite(radius), 2, 0)))
+    assert found.length_mm == pytest.approx(70, abs=1.0)
+
+
+def test_a_few_cells_that_only_blunt_slits_show_make_no_floor_deeper():
+    wall = _map(_pipe({**POCKET, "depth_mm": 5.0}), noise=0.2)
+    stray = np.zeros(wall.seen.shape, dtype=bool)
+    stray[117:119, 165:168] = True
+    blunt = np.where(stray, 2.0, 1.0) * wall.sigma_mm
+    (found,) = _measure(replace(wall, radius_mm=wall.radius_mm + 1.5 * stray, sigma_mm=blunt))
+    assert found.depth_mm == pytest.approx(5.0, abs=0.25)
+
+
 @pytest.mark.parametrize("margin_mm", [2.5, 4.0])
 def test_a_shadow_under_the_near_rim_does_not_move_the_edge(margin_mm):
     start, run = 115.0, 7.5 / np.tan(STEEPEST)

@@ -57,6 +57,13 @@ def test_points_beyond_the_wall_are_no_wall():
     assert on_a_wall(points, np.eye(4), NOMINAL).tolist() == [True, True, False, False]
 
 
+def test_noise_on_a_floor_as_deep_as_the_wall_is_kept_on_both_sides():
+    noise = np.random.default_rng(0).normal(0, 1.5, 360)
+    points = _ring(np.radians(np.arange(360.0)), np.zeros(360), 83.7 + noise, sigma=2.8)  # along light at 32 degrees
+    radius = np.hypot(*points.xyz_mm[on_a_wall(points, np.eye(4), NOMINAL), :2].T)
+    assert np.median(radius) == pytest.approx(np.median(83.7 + noise), abs=0.1)
+
+
 def test_compiled_reduction_agrees_with_plain_numpy():
     rng = np.random.default_rng(0)
     cell = np.append(rng.integers(0, 40, 400), np.full(2 * FEW, 7))  # one that many points fell into
