@@ -16,7 +16,7 @@ import numpy as np
 from algorithms.reconstruct import sized as sized_map
 from algorithms.trust.curve import NoCurve
 from algorithms.trust.detection import a90_95
-from algorithms.trust.exact_bounds import share_lower
+from algorithms.trust.exact_bounds import run_of_hits_bound, share_lower
 from algorithms.trust.hit_miss import HitMiss, fit_hit_miss
 from campaigns.sizing import LIT, SWEPT_PCT, WALL_MM, clean, families, options_of, paper, pod, sheets
 from campaigns.sizing_scans import FIRST_MM, scenario_of, wall_map
@@ -91,7 +91,8 @@ def of_pod(kind: str, limit_pct: float) -> Callable[[argparse.Namespace], Iterat
     def rows(asked: argparse.Namespace) -> Iterator[Row]:
         size, hit = pod(argparse.Namespace(**{**vars(asked), "kind": kind}))
         curve = fit_hit_miss(HitMiss(size, hit, np.ones(hit.size)))
-        bound = None if isinstance(curve, NoCurve) else a90_95(curve)[0].size
+        # where a size parts all misses from all hits there is no curve, but 29 hits in a row are a bound
+        bound = run_of_hits_bound(size, hit) if isinstance(curve, NoCurve) else a90_95(curve)[0].size
         limit = f"at most {limit_pct:g} %" if limit_pct < SWEPT_PCT[1] else "whatever it is"
         got = "no bound" if bound is None else f"{bound:.3g} % of the wall"
         yield Row(f"a90/95 of {kind}, seen wall", limit, got, bound is not None and bound <= limit_pct)
