@@ -18,7 +18,6 @@ from jaxtyping import Float, Int, UInt8
 from pydantic import Field
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_model.png import read_rgb
 from sensor_model.rig import AnySettings, Rig, load_settings, save_settings
 from sensor_model.settings import Settings
 
@@ -154,9 +153,7 @@ def read_frame(file: Path, rig: Rig) -> UInt8[np.ndarray, "height width 3"] | Sl
     size = _png_size(file)
     if size != expected:
         raise BadRecording(f"{file}: picture of {size} rows, columns; the rig's camera has {expected}")
-    picture = read_rgb(file.read_bytes())
-    if picture is None:  # another kind of PNG, or a fault in it
-        picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
+    picture = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
     if picture is None or picture.shape[:2] != expected:
         raise BadRecording(f"{file}: not a picture that can be read")
     return picture
