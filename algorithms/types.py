@@ -120,7 +120,8 @@ class Defect:
 
     Where no light reached the floor (`floor_seen` is false) depth, wall loss and volume are least ones. The volume is
     that of the seen cells; `feature_class` is the Pipeline Operators Forum's, for information, or one of these four.
-    What stands inward has a height for its depth.
+    What stands inward has a height for its depth. The wall loss is a share of the nominal wall; its standard deviation
+    holds that wall's tolerance, too.
     """
 
     start_mm: float
@@ -132,6 +133,7 @@ class Defect:
     length_std_mm: float
     width_std_mm: float
     depth_std_mm: float
+    wall_loss_std_pct: float
     unseen_share: float
     seen_cells: int
     cut_by_scan_end: bool

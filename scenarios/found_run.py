@@ -28,7 +28,10 @@ MOST_FAULTS = 20
 LARGEST_RADIUS_MM = 1e5
 LARGEST_NUMBER = 1e12  # seconds since 1970 are below, whatever else is
 LEAST = dict.fromkeys(("length_mm", "width_mm"), 1e-3)
-LEAST |= dict.fromkeys(("depth_mm", "length_std_mm", "width_std_mm", "depth_std_mm", "seen_cells", "unseen_share"), 0.0)
+LEAST |= dict.fromkeys(
+    ("depth_mm", "length_std_mm", "width_std_mm", "depth_std_mm", "wall_loss_std_pct", "seen_cells", "unseen_share"),
+    0.0,
+)
 MAP_ARRAYS = ("theta_rad", "z_mm", "radius_mm", "spread_mm", "sigma_mm", "count", "wall_dev_mm")
 
 

@@ -47,6 +47,8 @@ class NominalPipe(Settings):
     wall_thickness_mm: Annotated[float, Field(gt=0)]
     launch_mm: float = 0.0
     """Where along the pipe the camera stands as the log begins."""
+    wall_tolerance_pct: Annotated[float, Field(ge=0, le=100)] = 12.0
+    """By how much the wall may be thicker than that: a standard states the least one (ASTM D1785 and D2513: 12 %)."""
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,7 @@ def _alone(dark: Dark, gone: bool, pipe: NominalPipe) -> Defect:
         length_std_mm=LOST_MM / 2,
         width_std_mm=LOST_MM / 4,
         depth_std_mm=0.0,
+        wall_loss_std_pct=0.0,
         unseen_share=1.0,
         seen_cells=0,
         cut_by_scan_end=False,
@@ -136,6 +137,7 @@ def _through(defect: Defect, dark: Dark, pipe: NominalPipe) -> Defect:
         length_std_mm=LOST_MM / 2,
         width_std_mm=LOST_MM / 4,
         depth_std_mm=THROUGH_STD_MM,
+        wall_loss_std_pct=0.0,  # light fell out through it, however thick the wall
         floor_seen=False,
         feature_class=THROUGH,
         disposition="reject",

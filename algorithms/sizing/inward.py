@@ -19,6 +19,7 @@ def as_inward(measured: Defect, pipe: NominalPipe) -> Defect:
     return replace(
         measured,
         wall_loss_pct=0.0,
+        wall_loss_std_pct=0.0,
         floor_seen=True,  # light comes from behind: the near side of what stands inward is lit
         volume_mm3=0.0,
         length_std_mm=max(measured.length_std_mm, LENGTH_STD_MM * around),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import sqrt
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -148,7 +149,8 @@ def measure_one(
         # as wide as the bore goes round, its middle at 12 o'clock by custom; what was not seen of it may be wall
         width, turn = 2 * np.pi * pipe.inner_radius_mm, -float(wall.theta_rad[0])
         width_std = 0.5 * (wall.theta_rad.size - crossed) * cell_arc
-    loss, loss_std = (100 * part / pipe.wall_thickness_mm for part in (depth.depth_mm, depth.std_mm))
+    loss = 100 * depth.depth_mm / pipe.wall_thickness_mm
+    loss_std = float(np.hypot(100 * depth.std_mm, loss * _wall_std_mm(pipe)) / pipe.wall_thickness_mm)
     first, last = window.first_row + rows[0], window.first_row + rows[-1]
     return Defect(
         start_mm=float(wall.z_mm[window.first_row] + axial.start_mm),
@@ -160,6 +162,7 @@ def measure_one(
         length_std_mm=float(np.hypot(axial.std_mm, TRAVEL_STD_SHARE * length)),
         width_std_mm=width_std,
         depth_std_mm=depth.std_mm,
+        wall_loss_std_pct=loss_std,
         unseen_share=float(np.mean(~np.isfinite(box))),
         seen_cells=int(inside.sum()),
         cut_by_scan_end=bool(first <= scanned.start or last >= scanned.stop - 1),
@@ -168,6 +171,11 @@ def measure_one(
         feature_class=CLASSES[int(feature_class(np.array([length]), np.array([width]), pipe.wall_thickness_mm)[0])],
         disposition=disposition(loss, loss_std, depth.seen, limit_pct),
     )
+
+
+def _wall_std_mm(pipe: NominalPipe) -> float:
+    """Standard deviation of a thickness that lies anywhere within its tolerance (JCGM 100, 4.3.7)."""
+    return pipe.wall_thickness_mm * pipe.wall_tolerance_pct / 100 / sqrt(12)
 
 
 def _volume_mm3(depths: Float[np.ndarray, "n"], inner_radius_mm: float, cell_mm2: float) -> float:

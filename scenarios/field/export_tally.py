@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -116,20 +117,19 @@ def _defect_row(run: FoundRun, defect: Defect) -> dict[str, Any]:
 
 def intervals(defect: Defect) -> list[tuple[str, str, Interval]]:
     """Length, width, depth and wall loss with their 95 % intervals."""
-    loss_std = defect.depth_std_mm * defect.wall_loss_pct / defect.depth_mm if defect.depth_mm else 0.0
     cut, shallow = defect.cut_by_scan_end, not defect.floor_seen
     return [
         ("length", "mm", _interval(defect.length_mm, defect.length_std_mm, cut)),
         ("width", "mm", _interval(defect.width_mm, defect.width_std_mm, False)),
         ("depth", "mm", _interval(defect.depth_mm, defect.depth_std_mm, shallow)),
-        ("wall_loss", "pct", _interval(defect.wall_loss_pct, loss_std, shallow)),
+        ("wall_loss", "pct", _interval(defect.wall_loss_pct, defect.wall_loss_std_pct, shallow, most=100.0)),
     ]
 
 
-def _interval(value: float, std: float, least_only: bool) -> Interval:
+def _interval(value: float, std: float, least_only: bool, most: float = inf) -> Interval:
     if least_only:
         return Interval(value, at_least(value, std), None)
-    return Interval(value, max(value - TWO_SIDED_95 * std, 0.0), value + TWO_SIDED_95 * std)
+    return Interval(value, max(value - TWO_SIDED_95 * std, 0.0), max(min(value + TWO_SIDED_95 * std, most), value))
 
 
 def remarks(defect: Defect) -> list[str]:

@@ -18,7 +18,7 @@ from scenarios.report.path_figures import yield_over_distance
 from scenarios.report.photographs import sample_pictures
 from scenarios.report.shell import page_html
 from scenarios.report.statements import not_seen, radius_found
-from scenarios.report.tables import facts, remarks
+from scenarios.report.tables import WALL_LOSS, facts, remarks
 from scenarios.report.wall_figures import pipe_in_space, wall_map
 from scenarios.run import Scan
 from sensor_model.geometry import clock_position
@@ -102,14 +102,13 @@ def _defects(scan: Scan) -> str:
     lines = ""
     for number, d in enumerate(scan.found.defects, start=1):
         z_std, _ = pose_std(scan.found.trajectory, d.distance_mm)
-        loss_std = d.depth_std_mm / scan.recording.pipe.wall_thickness_mm * 100
         cells = [
             _with_std(d.distance_mm, float(np.hypot(d.length_std_mm / 2, z_std)), 1),
             escape(clock_position(d.theta_rad)),
             _with_std(d.length_mm, d.length_std_mm, 1),
             _with_std(d.width_mm, d.width_std_mm, 1),
             _with_std(d.depth_mm, d.depth_std_mm, 2),
-            _with_std(d.wall_loss_pct, loss_std, 1),
+            _with_std(d.wall_loss_pct, d.wall_loss_std_pct, 1),
         ]
         inside = "".join(f"<td>{cell}</td>" for cell in cells)
         said = escape("; ".join(remarks(d, scan.recording.rig)))
@@ -117,7 +116,7 @@ def _defects(scan: Scan) -> str:
     head = "".join(f'<th scope="col">{title}</th>' for title in HEADS)
     return (
         '<div class="scroll" tabindex="0"><table class="defects"><caption>± is one standard deviation as the '
-        f"measurement states it.</caption><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>"
+        f"measurement states it. {WALL_LOSS}</caption><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>"
     )
 
 

@@ -12,6 +12,7 @@ from scenarios.field.export_tally import intervals, remarks
 from scenarios.field.twin_data import Shots, camera_shots, page_data, sized
 from scenarios.found_run import FoundRun, read_found, recording_of
 from scenarios.report.shell import page_html
+from scenarios.report.tables import WALL_LOSS
 from scenarios.run_folder import whole_file
 from scenarios.view.page import SCENE
 from sensor_model.geometry import clock_position
@@ -76,7 +77,8 @@ def _wall(run: FoundRun) -> str:
     head = "".join(f'<th scope="col">{text}</th>' for text in HEADS)
     rows = "".join(_row(run, k) for k in range(len(run.defects)))
     listed = (
-        f'<div class="scroll" tabindex="0"><table class="defects"><caption>Intervals are 95 %.</caption>'
+        '<div class="scroll" tabindex="0"><table class="defects">'
+        f"<caption>Intervals are 95 %. {WALL_LOSS.replace('±', 'interval')}</caption>"
         f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
         if rows
         else "<p>No defect was found.</p>"

@@ -105,8 +105,8 @@ def quantities(row: Row, run: Run) -> list[Quantity]:
         d = row.defect
         z_std, roll_std = pose_std(run.found.trajectory, d.distance_mm - LOOK_AHEAD_RADII * pipe.bore_radius_mm)
         measured = [d.distance_mm, d.length_mm, d.width_mm, d.depth_mm, d.wall_loss_pct]
-        loss_std = 0.0 if d.inward else d.depth_std_mm / run.recording.pipe.wall_thickness_mm * 100
-        std = [float(np.hypot(d.length_std_mm / 2, z_std)), d.length_std_mm, d.width_std_mm, d.depth_std_mm, loss_std]
+        along_std = float(np.hypot(d.length_std_mm / 2, z_std))
+        std = [along_std, d.length_std_mm, d.width_std_mm, d.depth_std_mm, d.wall_loss_std_pct]
         turn_std = float(np.degrees(np.hypot(d.width_std_mm / 2 / pipe.bore_radius_mm, roll_std)))
         turn = float(np.degrees(d.theta_rad))
         if row.feature is not None:  # so that 359 and 1 degrees differ by 2

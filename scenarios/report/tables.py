@@ -39,6 +39,7 @@ NOTES = {
 UNITS = {"distance": "mm", "clock": "h:mm", "length": "mm", "width": "mm", "depth": "mm", "wall loss": "%"}
 DECIMALS = {"distance": 1, "length": 1, "width": 1, "depth": 2, "wall loss": 1}
 INFORMATIVE = "informative in plastic"
+WALL_LOSS = "Wall loss is of the nominal wall, whose tolerance its ± holds; only loss from inside is seen."
 NO_CLOCK_SPREAD = "fewer than two found defects share a clock position"
 
 
@@ -50,7 +51,7 @@ def defect_table(run: Run, rows: list[Row]) -> str:
     head = "".join(f'<th scope="col">{escape(text.capitalize())}</th>' for text in ["defect", "", *heads, "remarks"])
     return (
         '<div class="scroll" tabindex="0"><table class="defects"><caption>± is one standard deviation as the '
-        "measurement states it; error is measured less true.</caption>"
+        f"measurement states it; error is measured less true. {WALL_LOSS}</caption>"
         f"<thead><tr>{head}</tr></thead>{''.join(_defect(run, row) for row in rows)}</table></div>"
     )
 

@@ -37,12 +37,12 @@ def _map(pipe, noise=0.03, length=300.0, seed=0, hide=None):
     return WallMap(theta, z, radius, level, level, count)
 
 
-def _measure(wall, rule="noise"):
+def _measure(wall, rule="noise", pipe=NOMINAL):
     deviation = deviation_mm(wall)
     noise = noise_mm(wall, deviation)
     settings = SizingSettings(threshold=ThresholdSettings(rule=rule))
     threshold = THRESHOLDS[rule](deviation, noise, settings.threshold)
-    return measure_defects(wall, deviation, threshold, noise, NOMINAL, STEEPEST, settings)
+    return measure_defects(wall, deviation, threshold, noise, pipe, STEEPEST, settings)
 
 
 def _pipe(*features, **settings):
@@ -67,6 +67,17 @@ def test_the_seam_at_12_oclock_does_not_cut_a_defect(clock_deg):
     assert found.width_mm == pytest.approx(35, abs=0.7)
     turn = (np.degrees(found.theta_rad) - clock_deg + 180) % 360 - 180
     assert turn == pytest.approx(0, abs=0.3)
+
+
+def test_a_wall_loss_is_no_surer_than_the_wall():
+    wall = _map(_pipe({**POCKET, "depth_mm": 3}))
+    (known,), (by_standard,) = (
+        _measure(wall, pipe=NOMINAL.model_copy(update={"wall_tolerance_pct": t})) for t in (0, 12)
+    )
+    assert known.wall_loss_pct == by_standard.wall_loss_pct == pytest.approx(40, abs=1)
+    assert known.wall_loss_std_pct == pytest.approx(known.depth_std_mm / 7.5 * 100)
+    spread = 40 * 0.12 / np.sqrt(12)  # a wall anywhere up to 12 % thicker
+    assert by_standard.wall_loss_std_pct == pytest.approx(np.hypot(known.wall_loss_std_pct, spread), rel=0.02)
 
 
 def test_an_oval_pipe_and_a_wrong_radius_are_no_defects():

@@ -17,8 +17,8 @@ AROUND, ALONG, BORE_MM = 36, 20, 76.2
 UNSEEN = (slice(10, 14), slice(5, 9))
 DENT = (slice(20, 25), slice(8, 12))
 DEFECTS = (
-    Defect(250.123, 70.456, 35.789, 7.25, np.radians(120), 96.7, 0.4, 0.5, 0.1, 0.0, 2000, False),
-    Defect(450.0, 20.0, 10.0, 1.5, np.radians(359.9), 20.0, 0.4, 0.5, 0.1, 0.25, 200, True),
+    Defect(250.123, 70.456, 35.789, 7.25, np.radians(120), 96.7, 0.4, 0.5, 0.1, 3.6, 0.0, 2000, False),
+    Defect(450.0, 20.0, 10.0, 1.5, np.radians(359.9), 20.0, 0.4, 0.5, 0.1, 1.5, 0.25, 200, True),
 )
 PLY_TYPES = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 

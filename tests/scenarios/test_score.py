@@ -54,7 +54,7 @@ def test_a_displaced_estimate_is_charged_to_the_axis_it_belongs_to(scan):
 
 
 def _call(distance, theta_deg):
-    return Defect(distance - 20.0, 40.0, 30.0, 5.0, np.radians(theta_deg), 66.0, 0.4, 0.5, 0.1, 0.0, 500, False)
+    return Defect(distance - 20.0, 40.0, 30.0, 5.0, np.radians(theta_deg), 66.0, 0.4, 0.5, 0.1, 2.6, 0.0, 500, False)
 
 
 def test_misses_and_false_calls(scan):
