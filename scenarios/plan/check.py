@@ -105,7 +105,7 @@ def fresh_pictures(plan: Plan, folder: Path, scans: int, how: How, progress: Rep
     file = folder / f"fresh-{scans}.yaml"
     study = write_study(plan, file, {"sensing.fidelity": PICTURE}, rows_of(plan, scans, FRESH_DRAW))
     conduct(study, folder / file.stem, how, progress, say)
-    return list(_inside(plan, first, read_scans(folder / file.stem, plan)))
+    return [one for one in _inside(plan, first, read_scans(folder / file.stem, plan)) if one.inside.n]
 
 
 def _inside(plan: Plan, first: tuple[Scans, Scans | None], fresh: Scans) -> Iterator[Fresh]:
