@@ -116,7 +116,8 @@ def _defects(scan: Scan) -> str:
     head = "".join(f'<th scope="col">{title}</th>' for title in HEADS)
     return (
         '<div class="scroll" tabindex="0"><table class="defects"><caption>± is one standard deviation as the '
-        f"measurement states it. {WALL_LOSS}</caption><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>"
+        f"measurement states it. {WALL_LOSS}</caption><thead><tr>{head}</tr></thead>"
+        f"<tbody>{lines}</tbody></table></div>"
     )
 
 
