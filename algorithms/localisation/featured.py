@@ -18,7 +18,7 @@ from algorithms.localisation import fused
 from algorithms.localisation.fused import FilterSettings, Fused, corrected
 from algorithms.localisation.fused_model import ROLL, S
 from algorithms.localisation.joints import joint_mm
-from algorithms.localisation.lags import REACH, Profile, lag_about_bins, lag_along_mm
+from algorithms.localisation.lags import REACH, lag_about_bins, lag_along_mm
 from algorithms.localisation.marks import POSE, Sight, let_go, mark_pose, mark_tile, place, sight, tile_mark
 from algorithms.localisation.ring_profiles import BINS, RingProfiles, add_frame, front_mm, profile, shift
 from algorithms.types import Alignment, Episode, LookedBack, RingPoints
@@ -168,7 +168,7 @@ def _compare(
     gained = 0.0
     if k is not None:
         about = np.radians(settings.about_std_deg)
-        state, gained = _match(state, k, own, low, seen_from, np.array([std, about]), step_mm, settings)
+        state, gained = _match(state, k, ring, low, seen_from, np.array([std, about]), step_mm, settings)
     wide, _ = profile(state.seen, ring, low - JOINT_MM, low + TILE_MM + JOINT_MM)
     found = joint_mm(wide, settings.feature_mm)
     if found is not None and low <= found < low + TILE_MM:
@@ -185,7 +185,7 @@ def _compare(
 def _match(
     state: Featured,
     k: int,
-    own: Profile,
+    ring: int,
     low_mm: float,
     seen_from: Sight,
     std: Float[np.ndarray, "2"],
@@ -194,13 +194,16 @@ def _match(
 ) -> tuple[Featured, float]:
     """Take in how far a ring's profile of a tile lies from the first ring's: the robot went so much less."""
     mark, gap = state.filter.marks[k], 1.7 * step_mm + 1.0
-    ring = state.references[mark.number]
     more = BORDER_MM + REACH + gap
-    reference, _ = profile(state.seen, ring, low_mm - more, low_mm + TILE_MM + more)
-    along = lag_along_mm(reference, own, gap, settings.noise_mm)
+    reference, own = (
+        profile(state.seen, one, low_mm - more, low_mm + TILE_MM + more)[0]
+        for one in (state.references[mark.number], ring)
+    )
+    span = (low_mm - BORDER_MM, low_mm + TILE_MM + BORDER_MM)
+    along = lag_along_mm(reference, own, span, gap, settings.noise_mm)
     if not np.isfinite(along.std):
         return state, 0.0
-    about = lag_about_bins(reference, own, gap, settings.noise_mm, along.lag)
+    about = lag_about_bins(reference, own, span, gap, settings.noise_mm, along.lag)
     lags, spread = np.array([along.lag, BIN_RAD * about.lag]), np.array([along.std, BIN_RAD * about.std])
     rows = np.array(seen_from.rows)
     rows[:, place(state.filter, k) : place(state.filter, k) + 2] -= np.eye(2)
