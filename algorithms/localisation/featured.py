@@ -49,8 +49,8 @@ class FeaturedSettings(FilterSettings):
     kind: Literal["featured"] = "featured"
     feature_mm: Annotated[float, Field(gt=0.1, le=5)] = 0.4
     noise_mm: Annotated[float, Field(gt=0)] = 0.1
-    lag_std_mm: Annotated[float, Field(gt=0)] = 0.15
-    lag_std_share: Annotated[float, Field(ge=0, le=1)] = 0.05
+    lag_std_mm: Annotated[float, Field(gt=0)] = 0.05
+    lag_std_share: Annotated[float, Field(ge=0, le=1)] = 0.02
     about_std_deg: Annotated[float, Field(gt=0)] = 0.5
     joints_mm: tuple[float, ...] = Field(default=(), max_length=10_000)
     joints_std_mm: Annotated[float, Field(gt=0)] = 1.0
