@@ -35,7 +35,8 @@ def consistency(seeds: int, upright: bool, settings: FilterSettings = FUSED) -> 
         away.append(abs(found.error[-1, 0]))
     live, back = (100 * float(np.mean(part)) for part in inside)
     rms = float(np.sqrt(np.mean(np.square(roll))))
-    return f"{live:.1f} % live, {back:.1f} % looking back, roll {rms:.3f} deg RMS, median {np.median(away):.2f} mm off at the end"
+    shares = f"{live:.1f} % live, {back:.1f} % looking back"
+    return f"{shares}, roll {rms:.3f} deg RMS, {np.median(away):.2f} mm off at the end (median)"
 
 
 def furnished(rng: np.random.Generator) -> Pipe:

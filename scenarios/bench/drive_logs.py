@@ -15,13 +15,14 @@ from algorithms.triangulate import triangulate
 from algorithms.types import Episode, RingPoints
 from sensor_model.geometry import GRAVITY_M_S2, transform, wrap_rad
 from sensor_model.points import PointNoise, see_slits
-from sensor_model.recording import Frame
+from sensor_model.recording import Frame, NominalPipe
 from sensor_model.rig import Rig
 from twin.pipe import Pipe
 
 RAMP_S = 0.5
 IMU_PER_FRAME = 4
 FORWARD = np.array([0.0, 0.0, 1.0])
+PIPE = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def look_at(pipe: Pipe, log: DriveLog, rig: Rig, noise: PointNoise, rng: np.rand
     """What the sensor sees of a pipe on the way, from the axis."""
     poses = (transform(about(roll), np.array([0.0, 0.0, z])) for z, roll in zip(log.z_mm, log.roll_rad, strict=True))
     points = (triangulate(see_slits(pipe, T, rig, noise, rng), rig) for T in poses)
-    return Sights(tuple(points), pipe.inner_radius_mm)
+    return Sights(tuple(points), pipe.bore_radius_mm)
 
 
 def estimate(log: DriveLog, rig: Rig, settings: object, sights: Sights | None = None) -> Estimated:
@@ -162,7 +163,7 @@ def estimate(log: DriveLog, rig: Rig, settings: object, sights: Sights | None = 
     z, roll, covariance, state = [], [], [], None
     for frame in log.frames:
         if state is None:
-            state = estimator.launch(frame, rig, 0.0, FORWARD, settings)
+            state = estimator.launch(frame, rig, PIPE, FORWARD, settings)
         else:
             state = estimator.advance(state, frame, rig, settings)
         prior = estimator.predict(state)

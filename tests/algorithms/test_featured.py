@@ -109,10 +109,10 @@ def test_a_joint_stands_all_around_at_one_place():
     assert joint_mm(_profile(rng), 0.4) is None
 
 
-def _drive(pipe, settings, frames=112, step_mm=5.0, jag=None, worn_pct=WORN_PCT):
+def _drive(pipe, settings, frames=112, step_mm=5.0, jag=None, worn_pct=WORN_PCT, told=NOMINAL):
     """A robot on the axis with exact sensors but worn wheels; the slide may be jagged. The state at the end."""
     method = Method.model_validate({"localisation": settings})
-    state = begin(RIG, NOMINAL, method)
+    state = begin(RIG, told, method)
     per_mm = RIG.wheels.counts_per_turn / (np.pi * np.array(RIG.wheels.diameters_mm))
     up = RIG.imu.R_camera_imu.T @ np.array([0.0, -9.80665, 0.0])
     attitude = np.array([1.0, 0.0, 0.0, 0.0])
@@ -154,14 +154,14 @@ def test_on_a_bare_wall_a_jagged_slide_makes_no_travel():
     assert np.isfinite(found.trajectory.axis_std[:, [0, 1, 3, 4]]).all()
 
 
-def test_features_of_the_wall_show_that_the_wheels_are_worn():
+@pytest.mark.parametrize("worn_pct", [WORN_PCT, 0.0])
+def test_features_of_the_wall_show_whether_the_wheels_are_worn(worn_pct):
     pipe = Pipe(inner_radius_mm=BORE_MM, wall_thickness_mm=7.5, end_mm=1200, features=POCKETS)
-    state = _drive(pipe, {"kind": "featured", "wheels": {"common_scale_std_pct": 2.0}})
+    state = _drive(pipe, {"kind": "featured", "wheels": {"common_scale_std_pct": 2.0}}, worn_pct=worn_pct)
     found = finish(state)
     true_mm = 5.0 * np.arange(112)
     error = found.trajectory.T_pipe_camera[:, 2, 3] - true_mm
-    wheels_alone = WORN_PCT / 100 * true_mm[-1]
-    assert abs(error[-1]) < 0.35 * wheels_alone
+    assert abs(error[-1]) < 1e-3 * true_mm[-1]
     assert abs(error[-1]) < 4 * np.sqrt(found.trajectory.covariance[-1, 2, 2])
     measured = np.isfinite(found.trajectory.axis_std[:, 2])
     assert 0 < measured.sum() < 100
@@ -175,7 +175,8 @@ def test_a_joint_of_the_list_ties_the_distance_and_the_map():
         end_mm=1200,
         joints=[{"distance_mm": 400, "gap_depth_mm": 2, "gap_mm": 6}],
     )
-    state = _drive(pipe, {"kind": "featured", "wheels": {"common_scale_std_pct": 2.0}, "joints_mm": [400.0, 5000.0]})
+    settings = {"kind": "featured", "wheels": {"common_scale_std_pct": 2.0}}
+    state = _drive(pipe, settings, told=NOMINAL.model_copy(update={"joints_mm": (400.0, 5000.0)}))
     found = finish(state)
     assert {episode.who for episode in found.episodes if episode.kind == "joint"} == {"joint at 400 mm"}
     error = found.trajectory.T_pipe_camera[:, 2, 3] - 5.0 * np.arange(112)

@@ -76,14 +76,15 @@ class Watch:
             self._passed = told, rolled, travelled
         told_mm, rolled_mm, went_mm = told - self._passed[0], rolled - self._passed[1], travelled - self._passed[2]
         if max(abs(told_mm - went_mm), abs(rolled_mm - went_mm)) > self._stuck_mm:
+            held = forces(self._pipe, self._robot, self._model, self._tether_n, travelled, np.sign(told_mm))
             raise DriveFailed(
                 f"the robot is stuck {where}: told to go {told_mm:.0f} mm, its wheels rolled {rolled_mm:.0f} mm and it "
-                f"went {went_mm:.0f} mm; {forces(self._pipe, self._robot, self._model, self._tether_n, travelled, np.sign(told_mm))}"
+                f"went {went_mm:.0f} mm; {held}"
             )
 
 
 def forces(pipe: Pipe, robot: Robot, model: RobotModel, tether_n: float, camera_mm: float, sense: float) -> str:
-    """What the wheels can push, what holds the robot back when it goes forward (1) or back (-1), and what is missing."""
+    """What the wheels can push, what holds the robot back on its way on (sense 1) or back (-1), and what is missing."""
     at_mm = camera_mm - robot.camera_ahead_mm
     states = [s.state for s in pipe.surfaces if s.from_mm <= at_mm < s.to_mm]
     grip = robot.leg_count * robot.leg_preload_n * robot.wheel_friction * GRIP[states[-1] if states else "dry"]
