@@ -137,12 +137,12 @@ def _launched(state: State, frame: Frame, points: RingPoints) -> Any:
     """Roll by gravity about the pipe's axis, which the first fit gives."""
     settings, align = state.method.localisation, REGISTRATIONS[state.method.registration.kind].align
     estimator = estimator_of(state.method)
-    level = estimator.launch(frame, state.rig, state.pipe.launch_mm, FORWARD, settings)
+    level = estimator.launch(frame, state.rig, state.pipe, FORWARD, settings)
     prior = estimator.predict(level)
     first = align(points, state.wall, prior, state.method.registration)
     if not first.converged:
         return level
-    return estimator.launch(frame, state.rig, state.pipe.launch_mm, first.T_pipe_camera[2, :3].copy(), settings)
+    return estimator.launch(frame, state.rig, state.pipe, first.T_pipe_camera[2, :3].copy(), settings)
 
 
 _NOTHING = RingPoints(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))

@@ -12,7 +12,7 @@ import numpy as np
 from algorithms.localisation import FeaturedSettings, FusedSettings, PaperSettings
 from algorithms.localisation.fused_model import WheelSettings
 from algorithms.localisation.wheels import calibrate_wheels
-from scenarios.bench.localisation import lengths_mm, measured
+from scenarios.bench.localisation import lengths_mm, measured, told
 from scenarios.bench.scans import take_scan
 from scenarios.load import load_scenario
 from scenarios.report.plain_rows import text_table
@@ -60,15 +60,15 @@ def calibrated() -> WheelSettings:
 def rows(scenario: Scenario, joints_mm: tuple[float, ...], wheels: WheelSettings) -> Iterator[dict]:
     """One drive by every estimator."""
     scan = take_scan(scenario, 1, _quiet)
-    for name, settings in {
-        "paper": PaperSettings(),
-        "fused": FusedSettings(),
-        "fused, calibrated": FusedSettings(wheels=wheels),
-        "featured": FeaturedSettings(),
-        "featured, joints": FeaturedSettings(joints_mm=joints_mm),
-        "featured, joints, calibrated": FeaturedSettings(joints_mm=joints_mm, wheels=wheels),
-    }.items():
-        yield {"seed": scenario.seed, "estimator": name, **measured(scan, settings)}
+    for name, known_mm, settings in (
+        ("paper", (), PaperSettings()),
+        ("fused", (), FusedSettings()),
+        ("fused, calibrated", (), FusedSettings(wheels=wheels)),
+        ("featured", (), FeaturedSettings()),
+        ("featured, joints", joints_mm, FeaturedSettings()),
+        ("featured, joints, calibrated", joints_mm, FeaturedSettings(wheels=wheels)),
+    ):
+        yield {"seed": scenario.seed, "estimator": name, **measured(told(scan, known_mm), settings)}
 
 
 def summary(table: list[dict]) -> list[dict]:

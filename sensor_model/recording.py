@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 from tokenize import TokenError
@@ -15,7 +16,7 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
-from pydantic import Field
+from pydantic import Field, field_validator
 from scipy.spatial.transform import Rotation, Slerp
 
 from sensor_model.rig import AnySettings, Rig, load_settings, save_settings
@@ -49,6 +50,18 @@ class NominalPipe(Settings):
     """Where along the pipe the camera stands as the log begins."""
     wall_tolerance_pct: Annotated[float, Field(ge=0, le=100)] = 12.0
     """By how much the wall may be thicker than that: a standard states the least one (ASTM D1785 and D2513: 12 %)."""
+    joints_mm: tuple[float, ...] = Field(default=(), max_length=10_000)
+    """Where along the pipe its joints are by the as-built papers, in order; `featured` ties the distance to them."""
+    joints_std_mm: Annotated[float, Field(gt=0)] = 1.0
+    """How exact those papers are."""
+
+    @field_validator("joints_mm")
+    @classmethod
+    def _in_order(cls, joints_mm: tuple[float, ...]) -> tuple[float, ...]:
+        for k, (before, here) in enumerate(pairwise(joints_mm)):
+            if here <= before:
+                raise ValueError(f"joint {k + 1}, at {here:g} mm, comes after the one at {before:g} mm; must ascend")
+        return joints_mm
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,8 @@ class Robot(Settings):
     # wheels on stiff legs are over-constrained: from about 0.01 mm some lift off now and then.
     roller_ripple_mm: Annotated[float, Field(ge=0, le=0.5)] = 0.005
     roller_count: Annotated[int, Field(ge=3, le=40)] = 10
-    # How fast a leg's second wheel follows its first; 20 ms is a slack belt, which gives 2 mm at the rim for 1 N.
-    belt_ms: Annotated[float, Field(ge=2, le=100)] = 20.0
+    # How fast a leg's second wheel follows its first; 4 ms gives 0.1 mm at the rim for 1 N, a slack belt of 20 ms 2 mm.
+    belt_ms: Annotated[float, Field(ge=2, le=100)] = 4.0
     wheel_friction: Positive = 0.6
     # A roller's low friction still slides and steals grip from the driven direction: keep it tiny.
     roller_friction: Annotated[float, Field(gt=0, le=0.003)] = 0.001

@@ -18,7 +18,7 @@ from algorithms.localisation.slip import SlipSettings
 class Estimator(NamedTuple):
     """An estimator: its settings and its verbs, each from a state to the next, so that it works as frames come.
 
-    `launch(frame, rig, launch_mm, axis_camera, settings)` makes the state of the first frame and `advance(state, frame,
+    `launch(frame, rig, pipe, axis_camera, settings)` makes the state of the first frame and `advance(state, frame,
     rig, settings)` that of the next; `predict(state)` gives the prior of the frame's alignment, and `settle(state,
     alignment)` takes the registered frame in. One that finds its place by the wall has `look(state, points, alignment,
     settings)`, which comes before and gives both back; one that looks back when the log has ended has

@@ -13,7 +13,7 @@ from algorithms.localisation import paper
 from algorithms.localisation.imu import along_axis_mm_s2
 from algorithms.localisation.paper import Odometry, RollSettings, moved
 from algorithms.types import Alignment
-from sensor_model.recording import Frame
+from sensor_model.recording import Frame, NominalPipe
 from sensor_model.rig import Rig
 
 Positive = Annotated[float, Field(gt=0)]
@@ -38,12 +38,12 @@ class Dead:
 
 
 def launch(
-    frame: Frame, rig: Rig, launch_mm: float, axis_camera: Float[np.ndarray, "3"], settings: AccelSettings
+    frame: Frame, rig: Rig, pipe: NominalPipe, axis_camera: Float[np.ndarray, "3"], settings: AccelSettings
 ) -> Dead:
     """The start of the log, at rest: what is felt along the pipe then is slope and bias."""
     std = np.array([paper.LAUNCH_STD_MM, 1.0, 1e3 * settings.accelerometer_bias_m_s2])
     felt = along_axis_mm_s2(frame, rig, axis_camera)
-    odometry = paper.launch(frame, rig, launch_mm, axis_camera, settings)
+    odometry = paper.launch(frame, rig, pipe, axis_camera, settings)
     return Dead(odometry, np.zeros(3), np.diag(std**2), 0.0 if felt is None else felt)
 
 

@@ -18,11 +18,11 @@ from algorithms.localisation import fused
 from algorithms.localisation.fused import FilterSettings, Fused, corrected
 from algorithms.localisation.fused_model import ROLL, S
 from algorithms.localisation.joints import joint_mm
-from algorithms.localisation.lags import REACH, Profile, lag_about_bins, lag_along_mm
+from algorithms.localisation.lags import REACH, lag_about_bins, lag_along_mm
 from algorithms.localisation.marks import POSE, Sight, let_go, mark_pose, mark_tile, place, sight, tile_mark
 from algorithms.localisation.ring_profiles import BINS, RingProfiles, add_frame, front_mm, profile, shift
 from algorithms.types import Alignment, Episode, LookedBack, RingPoints
-from sensor_model.recording import Frame
+from sensor_model.recording import Frame, NominalPipe
 from sensor_model.rig import Rig
 
 TILE_MM = 40.0
@@ -40,20 +40,17 @@ BIN_RAD = 2 * np.pi / BINS
 
 
 class FeaturedSettings(FilterSettings):
-    """The filter's settings; from what height on the wall shows something, and where its joints are, if known.
+    """The filter's settings, and from what height on the wall shows something.
 
-    `joints_mm` are the joints' places from the as-built papers, along the pipe, and `joints_std_mm` how exact they are.
     A lag between profiles is trusted to `lag_std_mm`, and to a share of the way between two frames, whatever its fit.
     """
 
     kind: Literal["featured"] = "featured"
     feature_mm: Annotated[float, Field(gt=0.1, le=5)] = 0.4
     noise_mm: Annotated[float, Field(gt=0)] = 0.1
-    lag_std_mm: Annotated[float, Field(gt=0)] = 0.15
-    lag_std_share: Annotated[float, Field(ge=0, le=1)] = 0.05
+    lag_std_mm: Annotated[float, Field(gt=0)] = 0.05
+    lag_std_share: Annotated[float, Field(ge=0, le=1)] = 0.02
     about_std_deg: Annotated[float, Field(gt=0)] = 0.5
-    joints_mm: tuple[float, ...] = Field(default=(), max_length=10_000)
-    joints_std_mm: Annotated[float, Field(gt=0)] = 1.0
 
 
 @dataclass(frozen=True)
@@ -66,17 +63,18 @@ class Featured:
 
     filter: Fused
     seen: RingProfiles
+    pipe: NominalPipe
     compared: set[tuple[int, int]]
     references: dict[int, int]
     tied: tuple[Episode, ...] = ()
 
 
 def launch(
-    frame: Frame, rig: Rig, launch_mm: float, axis_camera: Float[np.ndarray, "3"], settings: FeaturedSettings
+    frame: Frame, rig: Rig, pipe: NominalPipe, axis_camera: Float[np.ndarray, "3"], settings: FeaturedSettings
 ) -> Featured:
     """The start of the log; nothing was seen yet."""
-    state = fused.launch(frame, rig, launch_mm, axis_camera, settings)
-    return Featured(state, RingProfiles(len(rig.projector.slits)), set(), {})
+    state = fused.launch(frame, rig, pipe, axis_camera, settings)
+    return Featured(state, RingProfiles(len(rig.projector.slits)), pipe, set(), {})
 
 
 def advance(before: Featured, frame: Frame, rig: Rig, settings: FeaturedSettings) -> Featured:
@@ -168,11 +166,11 @@ def _compare(
     gained = 0.0
     if k is not None:
         about = np.radians(settings.about_std_deg)
-        state, gained = _match(state, k, own, low, seen_from, np.array([std, about]), step_mm, settings)
+        state, gained = _match(state, k, ring, low, seen_from, np.array([std, about]), step_mm, settings)
     wide, _ = profile(state.seen, ring, low - JOINT_MM, low + TILE_MM + JOINT_MM)
     found = joint_mm(wide, settings.feature_mm)
     if found is not None and low <= found < low + TILE_MM:
-        state, tied = _tie(state, found, seen_from, std, settings)
+        state, tied = _tie(state, found, seen_from, std)
         gained += tied
     if k is None:
         about = np.radians(settings.about_std_deg)
@@ -185,7 +183,7 @@ def _compare(
 def _match(
     state: Featured,
     k: int,
-    own: Profile,
+    ring: int,
     low_mm: float,
     seen_from: Sight,
     std: Float[np.ndarray, "2"],
@@ -194,13 +192,16 @@ def _match(
 ) -> tuple[Featured, float]:
     """Take in how far a ring's profile of a tile lies from the first ring's: the robot went so much less."""
     mark, gap = state.filter.marks[k], 1.7 * step_mm + 1.0
-    ring = state.references[mark.number]
     more = BORDER_MM + REACH + gap
-    reference, _ = profile(state.seen, ring, low_mm - more, low_mm + TILE_MM + more)
-    along = lag_along_mm(reference, own, gap, settings.noise_mm)
+    reference, own = (
+        profile(state.seen, one, low_mm - more, low_mm + TILE_MM + more)[0]
+        for one in (state.references[mark.number], ring)
+    )
+    span = (low_mm - BORDER_MM, low_mm + TILE_MM + BORDER_MM)
+    along = lag_along_mm(reference, own, span, gap, settings.noise_mm)
     if not np.isfinite(along.std):
         return state, 0.0
-    about = lag_about_bins(reference, own, gap, settings.noise_mm, along.lag)
+    about = lag_about_bins(reference, own, span, gap, settings.noise_mm, along.lag)
     lags, spread = np.array([along.lag, BIN_RAD * about.lag]), np.array([along.std, BIN_RAD * about.std])
     rows = np.array(seen_from.rows)
     rows[:, place(state.filter, k) : place(state.filter, k) + 2] -= np.eye(2)
@@ -214,17 +215,15 @@ def _match(
     return state, gained
 
 
-def _tie(
-    state: Featured, found_mm: float, seen_from: Sight, std: float, settings: FeaturedSettings
-) -> tuple[Featured, float]:
+def _tie(state: Featured, found_mm: float, seen_from: Sight, std: float) -> tuple[Featured, float]:
     """Tie the distance to the joint of the list that is near, if just one is."""
-    joints = np.array(settings.joints_mm)
+    joints = np.array(state.pipe.joints_mm)
     rows, P = seen_from.rows[0], state.filter.P
     allowed = np.sqrt(JOINT_GATE * float(rows @ P @ rows)) + JOINT_MM
     near = joints[np.abs(joints - found_mm) < allowed]
     if near.size != 1:
         return state, 0.0
-    variance = std**2 + settings.joints_std_mm**2
+    variance = std**2 + state.pipe.joints_std_mm**2
     seen = seen_from.at_mm - (found_mm - float(near[0]))
     state, taken = _taken(state, seen, rows, variance, JOINT_GATE)
     if taken:

@@ -33,7 +33,7 @@ from algorithms.localisation.voting import VotingSettings, outvoted, slipping
 from algorithms.localisation.wheels import wheel_distances_mm
 from algorithms.types import Alignment, Episode, LookedBack
 from sensor_model.geometry import transform, wrap_rad
-from sensor_model.recording import Frame
+from sensor_model.recording import Frame, NominalPipe
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
 
@@ -88,7 +88,7 @@ class Fused:
 
 
 def launch(
-    frame: Frame, rig: Rig, launch_mm: float, axis_camera: Float[np.ndarray, "3"], settings: FilterSettings
+    frame: Frame, rig: Rig, pipe: NominalPipe, axis_camera: Float[np.ndarray, "3"], settings: FilterSettings
 ) -> Fused:
     """The start of the log: roll by gravity, the camera's own upright where that says nothing."""
     x, P = first_belief(len(rig.wheels.diameters_mm), settings.inertial, settings.wheels)
@@ -102,7 +102,7 @@ def launch(
         x=x,
         P=P,
         stamp_ns=frame.stamp_ns,
-        launch_mm=launch_mm,
+        launch_mm=pipe.launch_mm,
         distances_mm=wheel_distances_mm(frame.counts, rig),
         turn=(int(frame.imu_stamps_ns[-1]), float(rate[-1])) if rate.size else None,
         force_mm_s2=along_axis_mm_s2(frame, rig, axis_camera),

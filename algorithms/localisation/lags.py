@@ -10,10 +10,16 @@ from numba import njit
 
 REACH = 8.0  # mm along the pipe, or bins about it, that a profile may be off
 STEPS = 4  # lags tried in one mm, or bin
+LAGS = np.arange(-REACH, REACH + 0.5 / STEPS, 1.0 / STEPS)
+FINE = np.arange(-REACH, REACH, 1 / 32)
 CURVE = 2.0  # a profile that is off by so much must fit worse by so many sigmas squared, or it says nothing
 LEAST_GAIN = 25.0
 ALIKE = 0.35  # of the profile's power, left unexplained, at most
 FEWEST = 12
+LOOSEST = 1.0  # mm, or bins: less is no measurement, and not spread as a bell either
+SHADE_MM = 0.4  # where the wall falls away by more from sample to sample, part of it lies in shadow
+
+Span = tuple[float, float]
 
 
 class Profile(NamedTuple):
@@ -30,25 +36,45 @@ class Lag(NamedTuple):
     std: float
 
 
-def lag_along_mm(reference: Profile, other: Profile, gap_mm: float, noise_mm: float) -> Lag:
-    """How much further along the pipe `other` lies."""
-    lags = np.arange(-REACH, REACH + 0.5 / STEPS, 1.0 / STEPS)
-    return _best(lags, misfits(*reference, *other, lags, np.zeros(lags.size), gap_mm), _bins(other), noise_mm)
+def lag_along_mm(reference: Profile, other: Profile, span_mm: Span, gap_mm: float, noise_mm: float) -> Lag:
+    """How much further along the pipe `other` lies, by what both have between two places."""
+    misfit = _both_ways(reference, other, span_mm, LAGS, np.zeros(LAGS.size), gap_mm)
+    return _best(misfit, _bins(other, span_mm), noise_mm)
 
 
-def lag_about_bins(reference: Profile, other: Profile, gap_mm: float, noise_mm: float, along_mm: float) -> Lag:
+def lag_about_bins(
+    reference: Profile, other: Profile, span_mm: Span, gap_mm: float, noise_mm: float, along_mm: float
+) -> Lag:
     """How much further about the pipe `other` lies, in bins of angle."""
-    lags = np.arange(-REACH, REACH + 0.5 / STEPS, 1.0 / STEPS)
-    return _best(lags, misfits(*reference, *other, np.full(lags.size, along_mm), lags, gap_mm), _bins(other), noise_mm)
+    misfit = _both_ways(reference, other, span_mm, np.full(LAGS.size, along_mm), LAGS, gap_mm)
+    return _best(misfit, _bins(other, span_mm), noise_mm)
 
 
-def _bins(profile: Profile) -> int:
+def _both_ways(
+    one: Profile, other: Profile, span_mm: Span, along_mm: np.ndarray, about_bins: np.ndarray, gap_mm: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each laid over the other: straight lines between samples round an edge off to one side, and so to neither."""
+    there = misfits(*one, *within(other, *span_mm), along_mm, about_bins, gap_mm)
+    back = misfits(*other, *within(one, *span_mm), -along_mm, -about_bins, gap_mm)
+    square, power, count = (a + b for a, b in zip(there, back, strict=True))
+    return square / np.maximum(count, 1), power / np.maximum(count, 1), count
+
+
+def within(profile: Profile, low_mm: float, high_mm: float) -> Profile:
+    """What a profile has between two places."""
+    inside = (profile.z_mm >= low_mm) & (profile.z_mm <= high_mm)
+    return Profile(np.where(inside, profile.z_mm, np.nan), np.where(inside, profile.height_mm, np.nan))
+
+
+def _bins(profile: Profile, span_mm: Span) -> int:
     """Bins of angle in which a profile has something."""
-    return int(np.isfinite(profile.height_mm).any(axis=0).sum())
+    return int(np.isfinite(within(profile, *span_mm).height_mm).any(axis=0).sum())
 
 
-def _best(lags: np.ndarray, misfit: tuple[np.ndarray, ...], bins: int, noise_mm: float) -> Lag:
-    """The lag of the least misfit, refined by a parabola, unless the misfit is nearly as small elsewhere."""
+def _best(misfit: tuple[np.ndarray, ...], bins: int, noise_mm: float) -> Lag:
+    """The mean of the likely lags and their spread, unless that is wide or the misfit nearly as small elsewhere."""
+    from scipy.interpolate import CubicSpline
+
     mean_square, power, count = misfit
     nothing = Lag(0.0, np.inf)
     usable = count >= FEWEST
@@ -56,7 +82,7 @@ def _best(lags: np.ndarray, misfit: tuple[np.ndarray, ...], bins: int, noise_mm:
         return nothing
     k = int(np.argmin(mean_square))
     away = int(CURVE * STEPS)
-    if not away <= k < lags.size - away or mean_square[k] > ALIKE * power[k]:
+    if not away <= k < LAGS.size - away or mean_square[k] > ALIKE * power[k]:
         return nothing
     # the lesser of both sides: a single edge beside a shadow bounds a lag, and does not fix it
     rise = min(mean_square[k - away], mean_square[k + away]) - mean_square[k]
@@ -64,24 +90,24 @@ def _best(lags: np.ndarray, misfit: tuple[np.ndarray, ...], bins: int, noise_mm:
         return nothing
     # what is left over the points' noise comes from sampling an edge coarsely, which all bins do together
     unsure = noise_mm**2 + max(float(mean_square[k]) - noise_mm**2, 0.0) * bins
-    left, middle, right = mean_square[k - 1], mean_square[k], mean_square[k + 1]
-    bend = left - 2 * middle + right
-    shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
-    curvature = 2 * rise / CURVE**2
-    return Lag(float(lags[k] + shift / STEPS), float(np.sqrt(2 * unsure / (curvature * count[k]))))
+    likely = np.exp(-0.5 * (CubicSpline(LAGS, mean_square)(FINE) - mean_square[k]) * count[k] / unsure)
+    likely /= likely.sum()
+    lag = float(likely @ FINE)
+    std = float(np.sqrt(likely @ (FINE - lag) ** 2))
+    return Lag(lag, std) if std < LOOSEST else nothing
 
 
 @njit(cache=True, error_model="numpy")
 def misfits(z_reference, reference, z_other, other, along_mm, about_bins, gap_mm):
-    """Mean square of `other` less `reference` where both are, at each pair of lags; the power of both; their number.
+    """Sum of squares of `other` less `reference` where both are, at each pair of lags; of the power; their number.
 
-    The reference is taken by straight lines between samples of one bin that lie no further apart than `gap_mm`.
+    The reference is taken by straight lines between samples of one bin that lie no further apart than `gap_mm`, and
+    between which the wall does not fall away: there part of it is in shadow, more of it for one ring than for the next.
     """
     bins = reference.shape[1]
-    mean_square, power, count = np.full(along_mm.size, np.inf), np.zeros(along_mm.size), np.zeros(along_mm.size)
+    square, power, count = np.zeros(along_mm.size), np.zeros(along_mm.size), np.zeros(along_mm.size)
     z_of, height_of, seen = _in_order(z_reference, reference)
     for k in range(along_mm.size):
-        square, all_power, n = 0.0, 0.0, 0
         whole = int(np.floor(about_bins[k]))
         part = about_bins[k] - whole
         for i in range(other.shape[0]):
@@ -97,12 +123,10 @@ def misfits(z_reference, reference, z_other, other, along_mm, about_bins, gap_mm
                     low = (1.0 - part) * low + part * high
                 if np.isnan(low):
                     continue
-                square += (h - low) ** 2
-                all_power += 0.5 * (h * h + low * low)
-                n += 1
-        if n > 0:
-            mean_square[k], power[k], count[k] = square / n, all_power / n, n
-    return mean_square, power, count
+                square[k] += (h - low) ** 2
+                power[k] += 0.5 * (h * h + low * low)
+                count[k] += 1
+    return square, power, count
 
 
 @njit(cache=True, error_model="numpy")
@@ -125,7 +149,7 @@ def _in_order(z_mm, height_mm):
 
 @njit(cache=True, error_model="numpy")
 def height_at(z_mm, height_mm, z, gap_mm):
-    """The height at a place between two of the samples in order; NaN where it has none close by."""
+    """The height between two of the samples in order; NaN where none is close, or it lies in their shade."""
     above = np.searchsorted(z_mm, z)
     if above == z_mm.size:
         return np.nan
@@ -134,5 +158,7 @@ def height_at(z_mm, height_mm, z, gap_mm):
     if above == 0 or z_mm[above] - z_mm[above - 1] > gap_mm:
         return np.nan
     below = above - 1
+    if height_mm[above] - height_mm[below] > SHADE_MM:
+        return np.nan
     share = (z - z_mm[below]) / (z_mm[above] - z_mm[below])
     return (1.0 - share) * height_mm[below] + share * height_mm[above]

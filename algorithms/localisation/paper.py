@@ -15,7 +15,7 @@ from algorithms.localisation.upright import level_attitude
 from algorithms.localisation.wheels import wheel_distances_mm
 from algorithms.types import Alignment
 from sensor_model.geometry import rotation_from_wxyz, transform
-from sensor_model.recording import Frame
+from sensor_model.recording import Frame, NominalPipe
 from sensor_model.rig import Rig
 from sensor_model.settings import Settings
 
@@ -68,7 +68,7 @@ def camera_attitude(frame: Frame, rig: Rig) -> Float[np.ndarray, "3 3"]:
 
 
 def launch(
-    frame: Frame, rig: Rig, launch_mm: float, axis_camera: Float[np.ndarray, "3"], settings: RollSettings
+    frame: Frame, rig: Rig, pipe: NominalPipe, axis_camera: Float[np.ndarray, "3"], settings: RollSettings
 ) -> Odometry:
     """The start of the log: roll by gravity, travel zero from where the operator launched."""
     R_world_camera = camera_attitude(frame, rig)
@@ -84,7 +84,7 @@ def launch(
         R_pipe_camera=R,
         roll_std_rad=roll_std,
         distances_mm=wheel_distances_mm(frame.counts, rig),
-        launch_mm=launch_mm,
+        launch_mm=pipe.launch_mm,
         travel_mm=0.0,
         travel_std_mm=LAUNCH_STD_MM,
         stamp_ns=frame.stamp_ns,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from algorithms.localisation.lags import Profile
+from algorithms.localisation.lags import Profile, within
 from algorithms.types import Alignment, RingPoints
 from sensor_model.geometry import apply, wall_angle_rad
 
@@ -95,9 +95,8 @@ def profile(seen: RingProfiles, ring: int, low_mm: float, high_mm: float) -> tup
     rows = [(here, z[ring], h[ring]) for here, z, h in seen.frames if _overlaps(z[ring], low_mm, high_mm)]
     if not rows:
         return Profile(np.zeros((0, BINS)), np.zeros((0, BINS))), np.zeros(0)
-    z, h = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
-    inside = (z >= low_mm) & (z <= high_mm)
-    return Profile(np.where(inside, z, np.nan), np.where(inside, h, np.nan)), np.array([row[0] for row in rows])
+    whole = Profile(np.array([row[1] for row in rows]), np.array([row[2] for row in rows]))
+    return within(whole, low_mm, high_mm), np.array([row[0] for row in rows])
 
 
 def _overlaps(z_mm: np.ndarray, low_mm: float, high_mm: float) -> bool:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from algorithms.hindsight import about
 from algorithms.localisation import ESTIMATORS
 from algorithms.localisation.fused_model import InertialSettings, WheelSettings
-from algorithms.types import Episode
-from sensor_model.geometry import GRAVITY_M_S2, wrap_rad
-from sensor_model.recording import Frame
+from algorithms.triangulate import triangulate
+from algorithms.types import Episode, RingPoints
+from sensor_model.geometry import GRAVITY_M_S2, transform, wrap_rad
+from sensor_model.points import PointNoise, see_slits
+from sensor_model.recording import Frame, NominalPipe
 from sensor_model.rig import Rig
+from twin.pipe import Pipe
 
 RAMP_S = 0.5
 IMU_PER_FRAME = 4
 FORWARD = np.array([0.0, 0.0, 1.0])
+PIPE = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
 
 
 @dataclass(frozen=True)
@@ -137,16 +143,33 @@ class Estimated:
     episodes: tuple[Episode, ...]
 
 
-def estimate(log: DriveLog, rig: Rig, settings: object) -> Estimated:
+class Sights(NamedTuple):
+    """The points of every frame, and the radius of the wall that they lie on."""
+
+    points: tuple[RingPoints, ...]
+    radius_mm: float
+
+
+def look_at(pipe: Pipe, log: DriveLog, rig: Rig, noise: PointNoise, rng: np.random.Generator) -> Sights:
+    """What the sensor sees of a pipe on the way, from the axis."""
+    poses = (transform(about(roll), np.array([0.0, 0.0, z])) for z, roll in zip(log.z_mm, log.roll_rad, strict=True))
+    points = (triangulate(see_slits(pipe, T, rig, noise, rng), rig) for T in poses)
+    return Sights(tuple(points), pipe.bore_radius_mm)
+
+
+def estimate(log: DriveLog, rig: Rig, settings: object, sights: Sights | None = None) -> Estimated:
     """Run an estimator over a log as if every frame's fit were perfect: the pipe's axis is the camera's."""
     estimator = ESTIMATORS[settings.kind]  # type: ignore[attr-defined]
     z, roll, covariance, state = [], [], [], None
     for frame in log.frames:
         if state is None:
-            state = estimator.launch(frame, rig, 0.0, FORWARD, settings)
+            state = estimator.launch(frame, rig, PIPE, FORWARD, settings)
         else:
             state = estimator.advance(state, frame, rig, settings)
         prior = estimator.predict(state)
+        if estimator.look and sights:
+            fitted = replace(prior, radius_mm=sights.radius_mm)
+            state, prior = estimator.look(state, sights.points[frame.index], fitted, settings)
         R = prior.T_pipe_camera
         z.append(R[2, 3])
         roll.append(np.arctan2(R[1, 0], R[0, 0]))

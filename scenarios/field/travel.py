@@ -64,12 +64,11 @@ def _on(one: OneWay, points: RingPoints, alignment: Alignment) -> None:
     first, between = int(np.argmax(fronts)), 1.7 * step_mm + 1.0
     for ring in np.flatnonzero(np.isfinite(fronts) & (fronts < fronts.max() - NEAREST_MM)).tolist():
         low, high = fronts[ring] - WINDOW_MM, fronts[ring] - REACH
-        own, _ = profile(one.seen, ring, low, high)
         more = REACH + between
-        reference, _ = profile(one.seen, first, low - more, high + more)
+        own, reference = (profile(one.seen, k, low - more, high + more)[0] for k in (ring, first))
         if not own.z_mm.size or not reference.z_mm.size:
             continue
-        lag = lag_along_mm(reference, own, between, NOISE_MM)
+        lag = lag_along_mm(reference, own, (low, high), between, NOISE_MM)
         if np.isfinite(lag.std):
             gap = fronts[first] - fronts[ring]
             weight = 1 / (lag.std**2 + LAG_STD_MM**2 + (LAG_STD_SHARE * step_mm) ** 2)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenarios.paper.checked import Found, difference, named, verdict
-from sensor_model.recording import Frame
+from sensor_model.recording import Frame, NominalPipe
 from sensor_model.rig import Rig, preset_rig
 
 TURN_DEG = 25.0  # the paper's roll between two defects
@@ -150,8 +150,9 @@ def eq26() -> Found:
 
     rig = preset_rig()
     level, step_mm = Rotation.from_euler("x", -90, degrees=True), 3.0
+    pipe = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
     counts = step_mm / (np.pi * rig.wheels.diameters_mm[0]) * rig.wheels.counts_per_turn
-    start = launch(_frame(level, [0.0, 0.0, 0.0], 0, rig), rig, 0.0, np.array([0.0, 0.0, 1.0]), PaperSettings())
+    start = launch(_frame(level, [0.0, 0.0, 0.0], 0, rig), rig, pipe, np.array([0.0, 0.0, 1.0]), PaperSettings())
     said = median_step_mm(start, _frame(level, [counts, counts, counts / 2], 1, rig), rig)
     return Found(
         f"{said:.3f} mm of {step_mm:g} mm with one of three wheels at half", verdict(abs(said - step_mm) < 1e-9)

@@ -40,7 +40,9 @@ def _walk(truth, recording, settings=PaperSettings()):  # noqa: B008  settings a
     for i in range(len(recording)):
         frame = recording.frame(i)
         T = truth.pose_at(np.array([frame.stamp_ns / 1e9]))[0]
-        odometry = launch(frame, RIG, 0.0, T[2, :3], settings) if i == 0 else advance(odometry, frame, RIG, settings)
+        odometry = (
+            launch(frame, RIG, NOMINAL, T[2, :3], settings) if i == 0 else advance(odometry, frame, RIG, settings)
+        )
         prior = predict(odometry)
         turn = twist_about_z_rad(prior.T_pipe_camera[:3, :3] @ T[:3, :3].T)
         errors.append((prior.T_pipe_camera[2, 3] - T[2, 3], float(np.degrees(wrap_rad(turn)))))
@@ -89,6 +91,6 @@ def test_in_a_vertical_pipe_the_camera_is_its_own_datum():
 def test_the_prior_claims_only_travel_and_roll(tmp_path):
     truth, recording = _recording(tmp_path)
     frame = recording.frame(0)
-    odometry = launch(frame, RIG, 0.0, truth.pose_at(np.zeros(1))[0, 2, :3], PaperSettings())
+    odometry = launch(frame, RIG, NOMINAL, truth.pose_at(np.zeros(1))[0, 2, :3], PaperSettings())
     information = predict(odometry).information
     assert np.flatnonzero(information.any(axis=0)).tolist() == [2, 5]

@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from scenarios.load import load_scenario
 from scenarios.scenario import nominal_pipe
@@ -14,6 +15,7 @@ from sensor_model.recording import (
     OWN_HEADER,
     SLIT_PIXEL,
     BadRecording,
+    NominalPipe,
     _read_slit_pixels,
     open_recording,
 )
@@ -205,3 +207,8 @@ def test_aliases_are_refused(log, tmp_path):
     copy = _spoiled(log, tmp_path, "pipe.yaml", lambda _: "inner_radius_mm: &a 70\nwall_thickness_mm: *a\n")
     with pytest.raises(BadRecording, match="aliases"):
         open_recording(copy)
+
+
+def test_a_list_of_joints_out_of_order_is_refused():
+    with pytest.raises(ValidationError, match=r"joint 1, at 500 mm, comes after the one at 700 mm; must ascend"):
+        NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, joints_mm=(700, 500))

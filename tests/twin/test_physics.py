@@ -19,7 +19,6 @@ from twin.truth import Truth
 from twin.wheel_contact import WallContacts
 
 EXACT = Robot(preload_tolerance_pct=0, wheel_toe_tolerance_deg=0, end_wheel_skew_tolerance_deg=0, roller_ripple_mm=0)
-STIFF = EXACT.model_copy(update={"belt_ms": 4.0})
 
 
 def pipe(**changes) -> Pipe:
@@ -57,7 +56,7 @@ def test_coulomb_holds_just_below_its_limit_and_slides_just_above(state):
     """Motors holding, pulled along the pipe; beyond the limit the rest of the pull accelerates the whole robot."""
 
     def pulled(share: float) -> tuple[np.ndarray, float]:
-        model, data, contacts = at_rest(pipe(surfaces=all_over(state)), STIFF)
+        model, data, contacts = at_rest(pipe(surfaces=all_over(state)), EXACT)
         legs = contacts.found.wheel < len(wheel_names(EXACT)) - 2
         limit = GRIP[state] * EXACT.wheel_friction * data.efc_force[data.contact.efc_address[legs]].sum()
         speed_mm_s, rise = np.empty(800), 400
@@ -90,9 +89,9 @@ def test_a_roll_is_reached_and_held_within_a_tenth_of_a_degree(to_deg, rate_deg_
 
 def test_wheels_creep_by_the_share_of_the_limit_that_they_pull():
     """Five newtons against a limit of mu N: slip is that share of `creep_pct`, for wheels that share the load."""
-    truth = driven(STIFF, pipe(surfaces=all_over("wet", 4.0)), end_mm=150, tether_drag_n=5.0)
+    truth = driven(EXACT, pipe(surfaces=all_over("wet", 4.0)), end_mm=150, tether_drag_n=5.0)
     cruising = (truth.wheels.time_s > 1.0) & (truth.wheels.time_s < 2.5)
-    limit = GRIP["wet"] * STIFF.wheel_friction * truth.wheels.force_n[cruising, :6].sum(axis=1).mean()
+    limit = GRIP["wet"] * EXACT.wheel_friction * truth.wheels.force_n[cruising, :6].sum(axis=1).mean()
     slip_mm_s = truth.wheels.slip_mm_s[cruising, :6].mean()
     assert slip_mm_s / 50.0 == pytest.approx(0.04 * 5.0 / limit, rel=0.15)
 
@@ -144,7 +143,7 @@ def test_forces_and_slip_in_the_truth_are_those_of_the_drive():
 
 def test_a_stalled_motor_holds_its_wheels_and_then_goes_on():
     fault = MotorFault(leg=1, start_s=1.0, duration_s=1.5)
-    truth = driven(STIFF, end_mm=200, faults=(fault,))
+    truth = driven(EXACT, end_mm=200, faults=(fault,))
     stalled = (truth.time_s > 1.15) & (truth.time_s < 2.45)
     angle = truth.wheel_angle_rad
     assert np.ptp(angle[stalled, 1]) * 19 < 0.2
@@ -174,7 +173,7 @@ def test_worn_wheels_go_less_far_than_they_count():
 
 
 def test_wheels_of_unequal_size_work_against_each_other():
-    unequal = STIFF.model_copy(update={"wheel_diameter_error_pct": (2.0, 0.0, -2.0)})
+    unequal = EXACT.model_copy(update={"wheel_diameter_error_pct": (2.0, 0.0, -2.0)})
     log = driven(unequal, end_mm=120).wheels
     slip = np.where(log.force_n > 0, log.slip_mm_s, np.nan)[200:400]  # some are lifted off
     assert np.nanmean(slip[:, 0:2]) - np.nanmean(slip[:, 4:6]) == pytest.approx(0.04 * 50, rel=0.25)
@@ -269,7 +268,7 @@ def test_it_stops_goes_on_and_reverses():
 
 def test_it_climbs_a_vertical_pipe():
     up = pipe(inclination_deg=-90.0)
-    strong = EXACT.model_copy(update={"leg_preload_n": 25.0, "belt_ms": 4.0})
+    strong = EXACT.model_copy(update={"leg_preload_n": 25.0})
     truth = driven(strong, up, end_mm=60)
     assert truth.position_mm[-1, 2] == pytest.approx(60, abs=1)
     # nothing pulls it to one side but its end wheels

@@ -24,7 +24,7 @@ from twin.drives.motors import (
     torque_limits_n_m,
     torque_share,
 )
-from twin.drives.watch import Watch
+from twin.drives.watch import Watch, forces
 from twin.pipe import Pipe
 from twin.robot import Robot, draw_build
 from twin.robot_model import (
@@ -123,7 +123,10 @@ def simulate_motion(pipe: Pipe, robot: Robot, settings: RobotDrive, rng: np.rand
     contacts = WallContacts(pipe, model, (robot.wheel_friction, robot.roller_friction), standing_mm)
     data = mujoco.MjData(model.model)
     _place(data, pipe, robot, settings.start_mm)
-    _settle(model, data, contacts)
+    if not _settle(model, data, contacts):
+        uphill = -1.0 if pipe.inclination_deg > 0 else 1.0
+        held = forces(pipe, robot, model, 0.0, settings.start_mm, uphill)
+        raise DriveFailed(f"the robot does not come to rest at the start: {held}, or its springs do not hold it")
     way = Follower(pipe.axis, standing_mm)
     late_mm = settings.start_mm - Follower(pipe.axis, settings.start_mm).place_mm(data.site_xpos[0] / MM)[2]
     data.qpos[:3] += MM * late_mm * _heading(way, data.qpos)[:, 2]
@@ -226,7 +229,8 @@ def _place(data: Any, pipe: Pipe, robot: Robot, start_mm: float) -> None:
     if abs(stretch) >= robot.leg_travel_mm:
         raise DriveFailed(
             f"the robot does not fit: its legs reach a bore of {robot.bore_radius_mm - robot.leg_travel_mm:g} to "
-            f"{robot.bore_radius_mm + robot.leg_travel_mm:g} mm radius, the pipe has {pipe.bore_radius_mm:g} mm"
+            f"{robot.bore_radius_mm + robot.leg_travel_mm:g} mm radius, the pipe has {pipe.bore_radius_mm:g} mm; "
+            "robot: 4-inch, 6-inch or 8-inch, or set robot.bore_radius_mm"
         )
     T = pipe.axis.frame(start_mm - robot.camera_ahead_mm)
     data.qpos[:] = 0.0
@@ -235,12 +239,8 @@ def _place(data: Any, pipe: Pipe, robot: Robot, start_mm: float) -> None:
         data.joint(name).qpos[0] = MM * stretch
 
 
-def _settle(robot: RobotModel, data: Any, contacts: WallContacts) -> None:
-    """Let the robot sink into its springs, motors holding.
-
-    Raises:
-        DriveFailed: when it does not come to rest.
-    """
+def _settle(robot: RobotModel, data: Any, contacts: WallContacts) -> bool:
+    """Let the robot sink into its springs, motors holding; whether it comes to rest."""
     import mujoco
 
     damping = robot.model.dof_damping.copy()
@@ -249,8 +249,7 @@ def _settle(robot: RobotModel, data: Any, contacts: WallContacts) -> None:
         step(robot.model, data, contacts)
     robot.model.dof_damping[:] = damping
     mujoco.mj_kinematics(robot.model, data)
-    if not np.abs(data.qvel[:3]).max() < MM * STILL_MM_S:
-        raise DriveFailed("the robot does not come to rest at the start; it slips, or its springs do not hold it")
+    return bool(np.abs(data.qvel[:3]).max() < MM * STILL_MM_S)
 
 
 def _leg_angles(motion: Motion, robot: Robot) -> Float[np.ndarray, "n legs"]:

@@ -48,7 +48,8 @@ class Watch:
         axis = rotation_from_wxyz(readout[self._model.sensor[ATTITUDE]])[:, 2]
         chassis = self._way.place_mm(position - robot.camera_ahead_mm * axis)
         travelled = chassis[2] + robot.camera_ahead_mm
-        where = f"at {i * STEP_S:.2f} s, camera at z = {travelled:.0f} mm"
+        bend = _in_bend(pipe, chassis[2] - robot.chassis_length_mm, travelled)
+        where = f"at {i * STEP_S:.2f} s, camera at z = {travelled:.0f} mm{bend}"
         tilt_deg = np.degrees(np.arccos(np.clip(axis @ self._way.heading(chassis[2])[:, 2], -1, 1)))
         if not tilt_deg <= self._tipped_deg:
             raise DriveFailed(f"the robot tips by {tilt_deg:.1f} degrees {where}")
@@ -75,28 +76,33 @@ class Watch:
             self._passed = told, rolled, travelled
         told_mm, rolled_mm, went_mm = told - self._passed[0], rolled - self._passed[1], travelled - self._passed[2]
         if max(abs(told_mm - went_mm), abs(rolled_mm - went_mm)) > self._stuck_mm:
+            held = forces(self._pipe, self._robot, self._model, self._tether_n, travelled, np.sign(told_mm))
             raise DriveFailed(
                 f"the robot is stuck {where}: told to go {told_mm:.0f} mm, its wheels rolled {rolled_mm:.0f} mm and it "
-                f"went {went_mm:.0f} mm; {self._forces(travelled, np.sign(told_mm))}"
+                f"went {went_mm:.0f} mm; {held}"
             )
 
-    def _forces(self, camera_mm: float, sense: float) -> str:
-        """What the wheels can push, what holds the robot back, and how much is missing."""
-        robot, pipe = self._robot, self._pipe
-        at_mm = camera_mm - robot.camera_ahead_mm
-        states = [s.state for s in pipe.surfaces if s.from_mm <= at_mm < s.to_mm]
-        grip = robot.leg_count * robot.leg_preload_n * robot.wheel_friction * GRIP[states[-1] if states else "dry"]
-        motors = robot.leg_count * robot.motor_torque_limit_n_mm / robot.wheel_radius_mm
-        slope = (
-            -sense * self._model.model.body_mass.sum() * GRAVITY_M_S2 * gravity_along(pipe, np.array([at_mm]))[0, 2]
-            + 0.0
-        )
-        needed = max(self._tether_n + slope, 0.0)
-        push = min(grip, motors)
-        said = (
-            f"its wheels push {push:.1f} N at most (grip {grip:.1f} N, motors {motors:.1f} N) "
-            f"against {needed:.1f} N (tether {self._tether_n:.1f} N, slope {slope:.1f} N)"
-        )
-        if needed > push:
-            return f"{said}: {needed - push:.1f} N are missing"
-        return f"{said}: something in its way, or a fault, holds it"
+
+def forces(pipe: Pipe, robot: Robot, model: RobotModel, tether_n: float, camera_mm: float, sense: float) -> str:
+    """What the wheels can push, what holds the robot back on its way on (sense 1) or back (-1), and what is missing."""
+    at_mm = camera_mm - robot.camera_ahead_mm
+    states = [s.state for s in pipe.surfaces if s.from_mm <= at_mm < s.to_mm]
+    grip = robot.leg_count * robot.leg_preload_n * robot.wheel_friction * GRIP[states[-1] if states else "dry"]
+    motors = robot.leg_count * robot.motor_torque_limit_n_mm / robot.wheel_radius_mm
+    slope = -sense * model.model.body_mass.sum() * GRAVITY_M_S2 * gravity_along(pipe, np.array([at_mm]))[0, 2] + 0.0
+    needed, push = max(tether_n + slope, 0.0), min(grip, motors)
+    said = (
+        f"its wheels push {push:.1f} N at most (grip {grip:.1f} N, motors {motors:.1f} N) "
+        f"against {needed:.1f} N (tether {tether_n:.1f} N, slope {slope:.1f} N)"
+    )
+    if needed > push:
+        return f"{said}: {needed - push:.1f} N are missing"
+    return f"{said}: something in its way, or a fault, holds it"
+
+
+def _in_bend(pipe: Pipe, from_mm: float, to_mm: float) -> str:
+    """Which bend a stretch of the pipe touches, in words; nothing where it is straight."""
+    for bend in pipe.bends:
+        if bend.from_mm < to_mm and bend.to_mm > from_mm:
+            return f", in the bend of radius_od {bend.radius_od:g} from {bend.from_mm:g} to {bend.to_mm:g} mm"
+    return ""
