@@ -30,7 +30,7 @@ class VotingSettings(Settings):
 
 @cache
 def hypotheses(wheels: int) -> Bool[np.ndarray, "sets wheels"]:
-    """Every set of wheels that may slip at once: none, one, two, or all; the last, all alike, as motors told alike do."""
+    """Every set of wheels that may slip at once: none, one, two, or all; the last row: all alike, as one motion."""
     sets = [chosen for k in range(min(MOST_TOGETHER, wheels - 1) + 1) for chosen in combinations(range(wheels), k)]
     table = np.zeros((len(sets) + 2, wheels), dtype=bool)
     for row, chosen in enumerate(sets):
