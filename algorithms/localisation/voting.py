@@ -30,12 +30,12 @@ class VotingSettings(Settings):
 
 @cache
 def hypotheses(wheels: int) -> Bool[np.ndarray, "sets wheels"]:
-    """Every set of wheels that may slip at once: none, one, two, or all."""
+    """Every set of wheels that may slip at once: none, one, two, or all; the last row: all alike, as one motion."""
     sets = [chosen for k in range(min(MOST_TOGETHER, wheels - 1) + 1) for chosen in combinations(range(wheels), k)]
-    table = np.zeros((len(sets) + 1, wheels), dtype=bool)
+    table = np.zeros((len(sets) + 2, wheels), dtype=bool)
     for row, chosen in enumerate(sets):
         table[row, list(chosen)] = True
-    table[-1] = True
+    table[-2:] = True
     return table
 
 
@@ -63,11 +63,12 @@ def slipping(
     sets = sets[~(named & ~sets).any(axis=1)]
     own = variance + sets * settings.slip_speed_mm_s**2
     covariance = spread + own[:, None, :] * np.eye(innovation.size)
+    covariance[-1] = spread + np.diag(variance) + settings.slip_speed_mm_s**2
     misfit = np.einsum("i,kij,j->k", innovation, np.linalg.inv(covariance), innovation)
     begins = np.where(before, STAYS, settings.one_begins)
     prior = np.log(np.where(sets, begins, 1 - begins)).sum(axis=1)
     # a wheel under alarm explains a jerk that the accelerometer did not foresee: then the others are to be believed
-    prior[-1] = -np.inf if named.any() or not all_may else np.log(STAYS if before.all() else settings.all_begin)
+    prior[-2:] = -np.inf if named.any() or not all_may else np.log(STAYS if before.all() else settings.all_begin)
     return sets[np.argmax(prior - 0.5 * (misfit + np.linalg.slogdet(covariance)[1]))]
 
 

@@ -160,10 +160,12 @@ def test_votes_take_the_likeliest_set():
     assert seen.tolist() == [False, False, True]
     same = slipping(np.array([2.0, 2.1, 1.9]), spread, np.full(3, 0.04), quiet, quiet, VotingSettings())
     assert not same.any()
+    alike = slipping(np.array([20.0, 20.1, 19.9]), spread, np.full(3, 0.04), quiet, quiet, VotingSettings())
+    assert alike.all()
     table = hypotheses(4)
     assert not table[0].any()
-    assert table[-1].all()
-    assert len({tuple(row) for row in table.tolist()}) == len(table) == 1 + 4 + 6 + 1
+    assert table[-2:].all()
+    assert len({tuple(row) for row in table.tolist()}) == len(table) - 1 == 1 + 4 + 6 + 1
 
 
 def test_the_slip_line_is_found_on_some_drives_and_holds_on_another():
