@@ -48,7 +48,10 @@ def gravity_row(
     for k, axis in ((BIAS_X, 0), (BIAS_Y, 1)):
         H[0, k] = (_roll_rad(force + PROBE_M_S2 * np.eye(3)[axis], axis_camera) - roll) / PROBE_M_S2
     seconds = max((int(frame.imu_stamps_ns[-1]) - int(frame.imu_stamps_ns[0])) / 1e9, SHORTEST_S)
-    spread = np.hypot(settings.accelerometer_noise_density / np.sqrt(seconds), settings.vibration_m_s2)
+    # what shakes as fast as it is read does not average out: a frame is worth no more than its samples agree
+    shaken = float(frame.imu[:, 3:].std(axis=0).max())
+    noise = settings.accelerometer_noise_density / np.sqrt(seconds)
+    spread = float(np.linalg.norm([noise, settings.vibration_m_s2, shaken]))
     across = float(np.linalg.norm(np.cross(force, axis_camera)))
     return GravityRow(roll + rate_rad_s * late_s, H, float((spread / across) ** 2))
 
