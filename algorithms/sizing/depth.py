@@ -21,10 +21,12 @@ CURVED_OPEN = 0.12  # of what a rounded floor rises within two cells: smoothing 
 LAG = 2
 STRAYS = 3  # so many cells may be deeper than the deepest
 LEVELS, LEVELS_TAKEN, LEAST_LEVEL = (0.3, 0.8), 6, 0.7  # of the deepest: where the area of a defect is taken
-CONE_CELLS = (1.6, 2.0)  # run of a cone's sides that smoothing takes from its tip; a bowl's would be longer
-CONE_BOWL = (0.95, 1.05)  # the end of a bowl over the deepest cells: within them, it is none
+CONE_CELLS = (1.3, 1.7)  # run of a cone's sides that smoothing takes from its tip; a bowl's would be longer
+CONE_BOWL = (0.94, 1.0)  # the end of a bowl over the deepest cells: within them, it is none
 STRAIGHT = 0.08  # of a line's mean: what is off it by more is no cone
 TIP_OPEN = 0.35  # of what is missing of a tip, one standard deviation
+SMALL_CONE_CELLS = (4.0, 7.0)  # radius: in so small a cone smoothing lowers the sides themselves,
+TIP_SHORT = (0.9, 0.2)  # and their lines end short of the tip by so much of what is missing of it
 SMOOTHED_CELLS = 9  # cells that share their points' noise
 LARGE_CELLS = 20 * SMOOTHED_CELLS  # in a smaller defect a few cells may be its tip
 RUN_MM = 3.0  # a floor stays level for so long behind a shadow
@@ -102,9 +104,10 @@ def _tip_of(depths: Float[np.ndarray, "n"], cell_mm: tuple[float, float]) -> Tip
     bowl, _, _ = _end_of(levels, area)
     if off > STRAIGHT:  # a pit in a pocket's floor, say
         return Tip(deepest, 0.0, 0.0)
-    cells = (tip - deepest) * run / np.sqrt(cell_mm[0] * cell_mm[1])
-    share = np.interp(cells, CONE_CELLS, (1.0, 0.0)) * np.interp(bowl / deepest, CONE_BOWL, (1.0, 0.0))
-    return Tip(tip, tip - deepest, float(share))
+    lost, run_cells = tip - deepest, run / np.sqrt(cell_mm[0] * cell_mm[1])
+    share = np.interp(lost * run_cells, CONE_CELLS, (1.0, 0.0)) * np.interp(bowl / deepest, CONE_BOWL, (1.0, 0.0))
+    short = lost * np.interp(tip * run_cells, SMALL_CONE_CELLS, TIP_SHORT)
+    return Tip(float(tip + short), lost, float(share))
 
 
 def _end_of(levels: Float[np.ndarray, "levels"], size: Float[np.ndarray, "levels"]) -> tuple[float, float, float]:

@@ -11,15 +11,17 @@ from algorithms.robust import spread
 
 GAP_MM = 2.0  # more unseen wall than this between wall and floor is a shadow
 LOST_MM = 7.0  # over so much unseen wall nothing is drawn
-CELL_SHARE = 0.14  # of a cell: the least that a line between two cells leaves open of an edge's place
+LINE_OPEN = 0.1  # of the cells between them: what a line between two cells leaves open of an edge's place
+CELL_SHARE = 0.14  # of a cell: the least by which lines scatter
 NEAR_SIGMAS = 2.0  # lines within so many standard deviations of the outermost edge belong to it
+STRAIGHT_SHARE, STRAIGHT_LINES = 0.5, 6  # where more than this share of so many lines does, the side is straight
 MOST_WORN = 0.8  # cells
 STRAY_SHARE = 0.15  # of all lines: so many may be stray
 STRAY_SIGMAS, STRAY_STEPS = 2.0, 4.0  # apart by more than so much noise, and so many steps from line to line
 TIP_SHARE = 0.25  # of the step from line to line: where between two lines a tip lies
 END_LINES = 2.0  # by so many lines a slanted groove may run on beyond its last: smoothing wears off its ends
 RIM_SHARE = 0.3  # of the level: a side wall that has risen so far is near its rim
-RIM_OPEN = 0.22  # of a cell: the least that a shadow leaves open of a rim's place
+RIM_OPEN = 0.3  # of a cell: the least that a shadow leaves open of a rim's place
 SHADOW_SHARE = 0.5  # of a shadow's depth: what lies less deep behind a gap lies in no shadow
 SMOOTHED_CELLS = 0.6  # by which the median of three cells widens a side wall
 LAG = 2  # lines so far apart share no cell of the smoothing's three
@@ -126,7 +128,7 @@ def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float, lost
         return deep + 0.5 * np.sign(outside - deep), lost / 2
     low, high = deviation[outside], deviation[deep]
     share = np.clip((level - low) / (high - low), 0.0, 1.0) if high > low else 0.5
-    return outside + share * (deep - outside), CELL_SHARE * abs(deep - outside)
+    return outside + share * (deep - outside), LINE_OPEN * abs(deep - outside)
 
 
 def extent_of(edges: Edges, cell_mm: float) -> Extent:
@@ -145,7 +147,9 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     noise = max(_line_noise(edge), CELL_SHARE, 0.5 * float(np.median(open_)))
     first = _first_supported(edge, noise)
     near = np.abs(edge - first) <= NEAR_SIGMAS * noise
-    # once only: on the side of a slanted groove the lines near a mean lie ever further in
+    if edge.size >= STRAIGHT_LINES and near.mean() > STRAIGHT_SHARE:  # the outermost of many is out by its noise
+        near = np.abs(edge - np.median(edge[near])) <= NEAR_SIGMAS * noise
+    # not again: on the side of a slanted groove the lines near a mean lie ever further in
     place, lines = float(edge[near].mean()) if near.any() else first, max(int(near.sum()), 1)
     # the smoothing's median of nine takes a cell over its radius from a round tip, whose chord these lines are
     worn = min(8 * NEAR_SIGMAS * CELL_SHARE / lines**2, MOST_WORN)
