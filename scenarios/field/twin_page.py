@@ -77,8 +77,8 @@ def _wall(run: FoundRun) -> str:
     head = "".join(f'<th scope="col">{text}</th>' for text in HEADS)
     rows = "".join(_row(run, k) for k in range(len(run.defects)))
     listed = (
-        '<div class="scroll" tabindex="0"><table class="defects">'
-        f"<caption>Intervals are 95 %. {WALL_LOSS.replace('±', 'interval')}</caption>"
+        f'<p class="note" id="of-sizes">Intervals are 95 %. {WALL_LOSS.replace("±", "interval")}</p>'
+        '<div class="scroll" tabindex="0"><table class="defects" aria-label="Defects" aria-describedby="of-sizes">'
         f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
         if rows
         else "<p>No defect was found.</p>"

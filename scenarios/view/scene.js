@@ -57,14 +57,14 @@ function panel(plot, box, title, along, lines) {
   plot.font = "13px sans-serif";
   plot.strokeStyle = "#dddddd";
   plot.lineWidth = 1;
-  const ticks = width < 400 ? 2 : 4;
+  const ticks = width < 400 ? 2 : 4, digits = high - low > 20 ? 0 : high - low > 2 ? 1 : 2, unit = 10 ** digits;
   for (let n = 0; n <= 4; n += 1) {
     const v = low + ((high - low) * n) / 4;
     plot.beginPath();
     plot.moveTo(left, y(v));
     plot.lineTo(left + width, y(v));
     plot.stroke();
-    plot.fillText(v.toFixed(high - low > 20 ? 0 : 1), 4, y(v) + 4);
+    plot.fillText((Math.round(v * unit) / unit + 0).toFixed(digits), 4, y(v) + 4); // + 0: no minus before zero
   }
   for (let n = 0; n <= ticks; n += 1) {
     const t = first + (span * n) / ticks;
