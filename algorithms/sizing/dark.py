@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from algorithms.sizing.edges import LOST_MM
 from algorithms.sizing.segment import groups, segment
@@ -25,6 +26,8 @@ WIDEST_RAD = np.pi / 2  # a wider one is a lost stretch of the scan, or the stru
 AROUND_MM, AROUND_SEEN = 10.0, 0.8  # so much of the wall before and beyond a dark place must have been seen
 LEAST_POINTS = 2  # in such a cell (or, for a small place, in the mean): with one, gaps are those of a few rings
 NEAR_MM = 6.0  # a measured defect so near to it is what makes it dark: a shadow begins at the rim, a size at half depth
+DIM_SHARE = 0.6  # of the wall's points: a floor that slits light has as many, but for its shadow
+DIM_NEAR_MM, DIM_FAR_MM = 8.0, 21.0  # where the wall beside it begins and ends that is compared
 THROUGH_STD_MM = 0.025  # of a depth that is the wall's thickness: the bore's own
 
 
@@ -58,6 +61,19 @@ def with_dark(
         elif gone:
             every[beside[0]] = _through(every[beside[0]], dark, pipe)
     return tuple(sorted(every, key=lambda defect: defect.start_mm))
+
+
+def is_dim(wall: WallMap, columns: Int[np.ndarray, "c"], rows: Int[np.ndarray, "r"], inner_radius_mm: float) -> bool:
+    """Whether a box of the map has far fewer points than the wall beside it, on the same rows.
+
+    Then what depth it shows is that of its lips, and of strays: a hole, or a floor that no slit lit, lies between.
+    """
+    cell, around = wall.cell_arc_mm(inner_radius_mm), wall.theta_rad.size
+    reach = np.arange(max(round(DIM_NEAR_MM / cell), 1), max(round(DIM_FAR_MM / cell), 1) + 1)
+    beside = wall.count[np.ix_(np.concatenate([columns[0] - reach, columns[-1] + reach]) % around, rows)]
+    beside = beside[beside.any(axis=1)]  # the strut's sector tells nothing
+    inside = wall.count[np.ix_(columns % around, rows)]
+    return bool(beside.size) and bool(inside.mean() < DIM_SHARE * beside.mean())
 
 
 def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:

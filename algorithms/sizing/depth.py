@@ -53,17 +53,18 @@ def floor_of(
     blunt: Bool[np.ndarray, "around along"],
     noise: Float[np.ndarray, "around along"],
     cell_mm: tuple[float, float],
+    lit: bool = True,
 ) -> Floor:
     """The depth of one defect in a window of the map, by its sharp cells where there are enough.
 
-    Cells are so long and so wide.
+    Cells are so long and so wide. Where it is known not to be `lit`, the depth is a least one.
     """
     sharp = inside & ~blunt
     near = sharp if np.count_nonzero(sharp) >= LARGE_CELLS else inside
     near = near & (deviation > NEAR_DEEPEST_SHARE * _deepest_mm(deviation[near]))
     depths, sigma = deviation[near], float(np.median(noise[near]))
     middle, top = np.percentile(depths, [50, DEEPEST_PERCENTILE])
-    seen = _is_seen(deviation, inside, float(top), sigma, cell_mm[0])
+    seen = lit and _is_seen(deviation, inside, float(top), sigma, cell_mm[0])
     # what noise adds to a percentile: all of it on a flat floor, less where the floor, with its rim, itself varies
     scatter = max(float(np.std(depths)), sigma)
     added = PERCENTILE_SIGMAS * sigma**2 / scatter

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
-from algorithms.sizing.dark import with_dark
+from algorithms.sizing.dark import is_dim, with_dark
 from algorithms.sizing.depth import floor_of
 from algorithms.sizing.disposition import disposition
 from algorithms.sizing.edges import LOST_MM
@@ -134,10 +134,15 @@ def measure_one(
     deviation, inside = window.deviation_mm, window.inside
     cell_z, cell_arc = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm)
     blunt = window.sigma_mm > BLUNT * np.nanmedian(window.sigma_mm)
-    depth = floor_of(deviation, inside, blunt, window.noise_mm, (cell_z, cell_arc))
-    axial, arc, floor = outline_of(deviation, inside, blunt, depth, (cell_z, cell_arc), steepest_light_rad)
-    columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
-    box = deviation[columns[0] : columns[-1] + 1, rows[0] : rows[-1] + 1]
+    for lit in (True, False):
+        depth = floor_of(deviation, inside, blunt, window.noise_mm, (cell_z, cell_arc), lit)
+        axial, arc, floor = outline_of(deviation, inside, blunt, depth, (cell_z, cell_arc), steepest_light_rad)
+        columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
+        whole = np.arange(columns[0], columns[-1] + 1), np.arange(rows[0], rows[-1] + 1)
+        shift = window.first_column, window.first_row
+        if not depth.seen or not is_dim(wall, whole[0] + shift[0], whole[1] + shift[1], pipe.inner_radius_mm):
+            break
+    box = deviation[np.ix_(*whole)]
     turn = (window.first_column + (arc.start_mm + arc.end_mm) / 2 / cell_arc) * 2 * np.pi / wall.theta_rad.size
     scanned = wall.scanned()
     # a sliver between unseen wall may come out shorter than the cells it is made of

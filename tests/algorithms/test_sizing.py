@@ -332,6 +332,21 @@ def test_a_cone_s_tip_lies_where_its_sides_lead_to_and_a_bowl_has_none():
         assert np.mean(np.abs(held) <= 1) > 0.9, held
 
 
+def test_the_lips_of_a_hole_are_no_floor():
+    hole = {"kind": "pocket", "distance_mm": 150, "clock_deg": 120, "length_mm": 9, "width_mm": 9, "depth_mm": 2.0}
+    wall = _map(_pipe(hole))
+    (lit,) = _measure(wall)
+    assert lit.floor_seen
+    inside = (slice(114, 126), slice(144, 156))
+    count = wall.count.copy()
+    count[inside] = np.where(np.random.default_rng(1).random((12, 12)) < 0.3, 4, 0)
+    dim = replace(wall, count=count, radius_mm=np.where(count > 0, wall.radius_mm, np.nan))
+    (lips,) = _measure(dim)
+    assert not lips.floor_seen
+    assert lips.disposition == "reject"
+    assert lips.depth_mm <= lit.depth_mm + 0.1
+
+
 def test_one_stray_line_moves_no_edge():
     wall = _map(_pipe({**POCKET, "depth_mm": 3}))
     radius = wall.radius_mm.copy()
