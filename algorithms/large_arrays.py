@@ -1,0 +1,56 @@
+"""Arrays as long as the pipe: the large ones in a file, of which only what is in use is in memory."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from math import prod
+from mmap import MADV_DONTNEED, mmap
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+LARGE_BYTES = 2**25  # 32 MB: a smaller array is held in memory
+PIECE_CELLS = 2**19
+
+
+def room(shape: tuple[int, ...], kind: DTypeLike) -> np.ndarray:
+    """A new array, its values not set; a large one lies in a file without a name, which goes when the array does.
+
+    The file is in `TMPDIR`, else in /var/tmp, for /tmp may itself be memory.
+
+    Raises:
+        OSError: when the file system has no room for it.
+    """
+    size = prod(shape) * np.dtype(kind).itemsize
+    if size < LARGE_BYTES:
+        return np.empty(shape, kind)
+    folder = os.environ.get("TMPDIR", "/var/tmp")  # noqa: S108  the file has no name that others could guess
+    with tempfile.TemporaryFile(dir=folder) as file:
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)  # now, for a write to a full disk later would kill the process
+        except OSError as error:
+            raise OSError(
+                error.errno, f"no room for {size / 1e6:.0f} MB of wall map: {error.strerror}", folder
+            ) from error
+        return np.frombuffer(mmap(file.fileno(), size), kind).reshape(shape)
+
+
+def let_go(*arrays: np.ndarray) -> None:
+    """Let the memory go that arrays in files take; their values stay, and are read again when asked for."""
+    for array in arrays:
+        held: object = array
+        while isinstance(held, np.ndarray):
+            held = held.base
+        if isinstance(held, memoryview) and isinstance(held.obj, mmap):
+            held.obj.madvise(MADV_DONTNEED)
+
+
+def pieces(*maps: np.ndarray, rows: int = 1) -> Iterator[slice]:
+    """Stretches of the second axis of (around, along) maps, each so many times `rows` long, which are let go after."""
+    around, along = maps[0].shape
+    step = max(PIECE_CELLS // max(around * rows, 1), 1) * rows
+    for first in range(0, along, step):
+        yield slice(first, min(first + step, along))
+        let_go(*maps)
