@@ -18,7 +18,7 @@ PIECE_CELLS = 2**19
 def room(shape: tuple[int, ...], kind: DTypeLike) -> np.ndarray:
     """A new array, its values not set; a large one lies in a file without a name, which goes when the array does.
 
-    The file is in `TMPDIR`, else in /var/tmp, for /tmp may itself be memory.
+    The file is where `TMPDIR` says, or else where large ones belong: /tmp may itself be memory.
 
     Raises:
         OSError: when the file system has no room for it.
@@ -26,14 +26,16 @@ def room(shape: tuple[int, ...], kind: DTypeLike) -> np.ndarray:
     size = prod(shape) * np.dtype(kind).itemsize
     if size < LARGE_BYTES:
         return np.empty(shape, kind)
-    folder = os.environ.get("TMPDIR", "/var/tmp")  # noqa: S108  the file has no name that others could guess
+    folder = os.environ.get("TMPDIR", "/var/tmp")  # noqa: S108  a file without a name is nobody else's
     with tempfile.TemporaryFile(dir=folder) as file:
         try:
-            os.posix_fallocate(file.fileno(), 0, size)  # now, for a write to a full disk later would kill the process
+            # now, for to write to an array on a disk that is full would kill the process
+            os.posix_fallocate(file.fileno(), 0, size)
         except OSError as error:
-            raise OSError(
-                error.errno, f"no room for {size / 1e6:.0f} MB of wall map: {error.strerror}", folder
-            ) from error
+            words = (
+                f"no room for {size / 1e6:.0f} MB of the wall map ({error.strerror}); TMPDIR may name another folder"
+            )
+            raise OSError(error.errno, words, folder) from error
         return np.frombuffer(mmap(file.fileno(), size), kind).reshape(shape)
 
 
