@@ -56,3 +56,10 @@ def pieces(*maps: np.ndarray, rows: int = 1) -> Iterator[slice]:
     for first in range(0, along, step):
         yield slice(first, min(first + step, along))
         let_go(*maps)
+
+
+def lines(*maps: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+    """The lines along the pipe of (around, along) maps, which are let go after."""
+    for line in zip(*maps, strict=True):
+        yield line
+        let_go(*maps)
