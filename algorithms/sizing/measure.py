@@ -103,7 +103,7 @@ def measure_defects(
 
 def _parts(wall: WallMap, called: Called) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Deviation and noise of the map, piece by piece."""
-    for part in pieces(wall.sigma_mm, called.deviation_mm):
+    for part in pieces(called.deviation_mm, wall.sigma_mm, wall.count):
         yield called.sign * called.deviation_mm[:, part], noise_mm(called.noise, wall.sigma_mm[:, part], part)
 
 
