@@ -63,3 +63,20 @@ def lines(*maps: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
     for line in zip(*maps, strict=True):
         yield line
         let_go(*maps)
+
+
+def percentile(values: np.ndarray, pct: float) -> float:
+    """`numpy.nanpercentile` of an (around, along) map, of which only the values beyond are held; NaN of nothing."""
+    count = sum(np.count_nonzero(np.isfinite(line)) for (line,) in lines(values))
+    place = max(count - 1, 0) * (pct / 100)
+    below, low = int(place), pct < 50
+    most, ends = below + 2 if low else count - below, np.zeros(0)
+    for (line,) in lines(values):
+        ends = np.concatenate([ends, line[np.isfinite(line)]])
+        if ends.size > most:
+            ends = np.partition(ends, most - 1)[:most] if low else np.partition(ends, ends.size - most)[-most:]
+    if count == 0:
+        return float("nan")
+    a, b = np.resize(np.sort(ends)[below if low else 0 :][:2], 2)
+    share = place - below
+    return float(b - (b - a) * (1 - share) if share >= 0.5 else a + (b - a) * share)

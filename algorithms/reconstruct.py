@@ -172,7 +172,7 @@ def mapped(state: State) -> tuple[Trajectory, WallMap]:
         wall = finish_map(state.builder)
     except MapTorn as error:
         raise ReconstructionFailed(str(error)) from error
-    if not wall.seen.any():
+    if wall.touched().stop == 0:
         raise ReconstructionFailed("no point lies where a wall can be; check the nominal pipe and the rig")
     look_back = estimator_of(state.method).look_back
     if look_back is None:

@@ -105,6 +105,12 @@ class WallMap:
         rows = np.flatnonzero(np.concatenate([*seen, np.zeros(0)]) >= 0.5)
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
+    def touched(self) -> slice:
+        """Columns from the first to the last z at which anything was seen."""
+        seen = [np.any(self.count[:, part] > 0, axis=0) for part in pieces(self.count)]
+        rows = np.flatnonzero(np.concatenate([*seen, np.zeros(0, dtype=bool)]))
+        return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
+
 
 # classes of what is no metal loss by length and width
 INWARD, INWARD_RING, THROUGH, NO_LIGHT = "inward", "inward ring", "through", "no light returned"
@@ -112,8 +118,9 @@ INWARD, INWARD_RING, THROUGH, NO_LIGHT = "inward", "inward ring", "through", "no
 
 def seen_share(wall: WallMap) -> float | None:
     """Share of the scanned wall's cells that were seen; None where nothing was scanned."""
-    seen = wall.seen[:, wall.scanned()]
-    return float(seen.mean()) if seen.size else None
+    count = wall.count[:, wall.scanned()]
+    seen = sum(int(np.count_nonzero(count[:, part] > 0)) for part in pieces(count))
+    return seen / count.size if count.size else None
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Float
 
-from algorithms.large_arrays import lines
+from algorithms.large_arrays import lines, percentile
 from algorithms.sizing.disposition import at_least
 from algorithms.types import Defect, Episode, Reconstruction, Trajectory, WallMap
 from sensor_model.geometry import clock_position, wall_direction, wxyz_from_rotation
@@ -39,7 +39,6 @@ DEFECT_COLUMNS = (
     "disposition",
     "seen_cells",
 )
-SHOWN_SHARE = 0.995  # of the seen cells have a colour of their own
 EPISODE_COLUMNS = ("kind", "who", "start_s", "end_s", "amount")
 
 
@@ -175,18 +174,9 @@ def _faces(line: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndar
 
 
 def deepest_shown_mm(deviation_mm: Float[np.ndarray, "around along"]) -> float:
-    """The deviation that gets the last colour: beyond it is one seen cell of 200, which alone are kept to find it."""
-    count = _seen_cells(deviation_mm)
-    place = max(count - 1, 0) * SHOWN_SHARE
-    beyond, top = count - int(place), np.zeros(0)
-    for (line,) in lines(deviation_mm):
-        top = np.concatenate([top, line[np.isfinite(line)]])
-        top = np.partition(top, top.size - beyond)[-beyond:] if top.size > beyond else top
-    return max(float(np.interp(place % 1, [0, 1], np.resize(np.sort(top)[:2], 2))), 0.5) if count else 1.0
-
-
-def _seen_cells(deviation_mm: Float[np.ndarray, "around along"]) -> int:
-    return sum(int(np.count_nonzero(np.isfinite(line))) for (line,) in lines(deviation_mm))
+    """The deviation that gets the last colour."""
+    deepest = percentile(deviation_mm, 99.5)
+    return max(deepest, 0.5) if np.isfinite(deepest) else 1.0
 
 
 def _write_vertices(
@@ -200,7 +190,7 @@ def _write_vertices(
     from matplotlib import colormaps
 
     header = ["ply", "format binary_little_endian 1.0", "comment lengths in mm, pipe frame"]
-    header += [f"element vertex {_seen_cells(deviation_mm)}"]
+    header += [f"element vertex {sum(np.count_nonzero(np.isfinite(line)) for (line,) in lines(deviation_mm))}"]
     header += [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
     header += ["property float wall_dev_mm", *face_header, "end_header"]
     out.write(("\n".join(header) + "\n").encode())

@@ -209,7 +209,7 @@ def _measured(state: State) -> tuple[Reconstruction | None, str]:
         wall = finish_map(state.builder)
     except MapTorn as error:
         return None, str(error)
-    if not wall.seen.any():
+    if wall.touched().stop == 0:
         return None, state.results[-1].alignment.reason or "no point lies where a wall can be"
     return sized(trajectory(state.results), wall, state.rig, state.pipe, state.method), ""
 

@@ -129,6 +129,17 @@ def test_blocks_and_maps_in_files_are_those_in_memory(monkeypatch):
     assert both[0].scanned() == both[1].scanned()
 
 
+@pytest.mark.parametrize("pct", [0.5, 40.0, 50.0, 99.5])
+def test_a_percentile_line_by_line_is_numpys(pct):
+    rng = np.random.default_rng(0)
+    for shape in [(1, 1), (3, 7), (20, 301)]:
+        values = rng.normal(0, 1, shape)
+        values[rng.random(shape) < 0.3] = np.nan
+        values[0, 0] = 0.1
+        assert large_arrays.percentile(values, pct) == np.nanpercentile(values, pct)
+    assert np.isnan(large_arrays.percentile(np.full((2, 3), np.nan), pct))
+
+
 def test_a_full_disk_is_said_before_anything_is_written(monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
