@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -293,6 +294,21 @@ def test_a_map_sized_in_pieces_has_the_very_defects_of_the_whole(rule, monkeypat
     for rows in (45, 64):
         monkeypatch.setattr(large_arrays, "PIECE_CELLS", rows * 360)
         assert repr(_measure(wall, rule)) == repr(whole)
+
+
+def test_sizing_a_longer_pipe_takes_no_more_memory(monkeypatch):
+    monkeypatch.setattr(large_arrays, "PIECE_CELLS", 45 * 360)
+    monkeypatch.setattr(large_arrays, "LARGE_BYTES", 1000)
+    peaks = []
+    for length in (300, 1500):
+        pits = [{"kind": "pit", "distance_mm": z, "clock_deg": 90, "diameter_mm": 20, "depth_mm": 3} for z in (90, 210)]
+        wall = _map(_pipe(*pits), length=length, hide=lambda theta, z: np.degrees(theta) + 0 * z < 37)
+        assert len(_measure(wall)) == 2  # compiled by now
+        tracemalloc.start()
+        _measure(wall)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
 
 
 def _hidden_start(start, run, half_deg=30):
