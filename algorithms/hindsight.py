@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from algorithms.large_arrays import pieces, room
 from algorithms.types import Alignment, FrameResult, LookedBack, WallMap
 from sensor_model.geometry import transform, twist_about_z_rad, wrap_rad
 from sensor_model.recording import NominalPipe
@@ -78,6 +79,11 @@ def straightened(
     from_row = np.rint(np.interp(rows * step, goes_to, np.arange(wall.z_mm.size))).astype(np.int64)
     cells = wall.theta_rad.size
     shift = np.rint(about_rad[from_row] / (2 * np.pi) * cells).astype(np.int64)
-    column = np.mod(np.arange(cells)[:, None] - shift[None, :], cells)
-    parts = (getattr(wall, name)[column, from_row[None, :]] for name in ("radius_mm", "spread_mm", "sigma_mm", "count"))
-    return WallMap(wall.theta_rad, rows * step, *parts)
+    names = ("radius_mm", "spread_mm", "sigma_mm", "count")
+    before = [getattr(wall, name) for name in names]
+    after = [room((cells, rows.size), part.dtype) for part in before]
+    for part in pieces(*after, *before):
+        column = np.mod(np.arange(cells)[:, None] - shift[None, part], cells)
+        for old, new in zip(before, after, strict=True):
+            new[:, part] = old[column, from_row[None, part]]
+    return WallMap(wall.theta_rad, rows * step, *after)

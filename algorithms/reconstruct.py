@@ -16,9 +16,8 @@ from algorithms.localisation import ESTIMATORS, Estimator
 from algorithms.method import Method
 from algorithms.registration import REGISTRATIONS
 from algorithms.registration.fusion import covariance
-from algorithms.sizing.background import deviation_mm, noise_mm
+from algorithms.sizing.background import deviation_mm, noise_of_rows
 from algorithms.sizing.measure import measure_defects
-from algorithms.sizing.thresholds import THRESHOLDS
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall, WallMap
 from algorithms.wall_map import MapBuilder, MapTorn, add_points, finish_map, on_a_wall, shift_waiting
@@ -173,7 +172,7 @@ def mapped(state: State) -> tuple[Trajectory, WallMap]:
         wall = finish_map(state.builder)
     except MapTorn as error:
         raise ReconstructionFailed(str(error)) from error
-    if not wall.seen.any():
+    if wall.touched().stop == 0:
         raise ReconstructionFailed("no point lies where a wall can be; check the nominal pipe and the rig")
     look_back = estimator_of(state.method).look_back
     if look_back is None:
@@ -187,11 +186,10 @@ def mapped(state: State) -> tuple[Trajectory, WallMap]:
 def sized(path: Trajectory, wall: WallMap, rig: Rig, pipe: NominalPipe, method: Method) -> Reconstruction:
     """Size the defects of a closed map."""
     deviation = deviation_mm(wall)
-    noise = noise_mm(wall, deviation)
-    threshold = THRESHOLDS[method.sizing.threshold.rule](deviation, noise, method.sizing.threshold)
+    noise = noise_of_rows(wall, deviation)
     steepest = float(rig.projector.slit_half_angles_rad[-1])
-    defects = measure_defects(wall, deviation, threshold, noise, pipe, steepest, method.sizing)
-    return Reconstruction(path, wall, deviation, noise, threshold, defects)
+    defects = measure_defects(wall, deviation, noise, pipe, steepest, method.sizing)
+    return Reconstruction(path, wall, deviation, defects)
 
 
 def trajectory(results: list[FrameResult]) -> Trajectory:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from algorithms.large_arrays import pieces
 from sensor_model.recording import NominalPipe
 
 Matrix6 = Float[np.ndarray, "6 6"]
@@ -100,7 +101,14 @@ class WallMap:
 
     def scanned(self) -> slice:
         """Columns from the first to the last z at which at least half of the circumference was seen."""
-        rows = np.flatnonzero(self.seen.mean(axis=0) >= 0.5)
+        seen = [np.mean(self.count[:, part] > 0, axis=0) for part in pieces(self.count)]
+        rows = np.flatnonzero(np.concatenate([*seen, np.zeros(0)]) >= 0.5)
+        return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
+
+    def touched(self) -> slice:
+        """Columns from the first to the last z at which anything was seen."""
+        seen = [np.any(self.count[:, part] > 0, axis=0) for part in pieces(self.count)]
+        rows = np.flatnonzero(np.concatenate([*seen, np.zeros(0, dtype=bool)]))
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
 
@@ -110,8 +118,9 @@ INWARD, INWARD_RING, THROUGH, NO_LIGHT = "inward", "inward ring", "through", "no
 
 def seen_share(wall: WallMap) -> float | None:
     """Share of the scanned wall's cells that were seen; None where nothing was scanned."""
-    seen = wall.seen[:, wall.scanned()]
-    return float(seen.mean()) if seen.size else None
+    count = wall.count[:, wall.scanned()]
+    seen = sum(int(np.count_nonzero(count[:, part] > 0)) for part in pieces(count))
+    return seen / count.size if count.size else None
 
 
 @dataclass(frozen=True)
@@ -214,12 +223,10 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """The result of one scan; noise and threshold of every cell, NaN where nothing was seen."""
+    """The result of one scan; how far each cell is beyond the undamaged bore, NaN where nothing was seen."""
 
     trajectory: Trajectory
     wall: WallMap
     deviation_mm: Float[np.ndarray, "around along"]
-    noise_mm: Float[np.ndarray, "around along"]
-    threshold_mm: Float[np.ndarray, "around along"]
     defects: tuple[Defect, ...]
     episodes: tuple[Episode, ...] = ()

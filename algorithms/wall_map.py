@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float
 from numba import njit
 from pydantic import Field
 
+from algorithms.closed_blocks import KINDS, Cells, ClosedBlocks, keep, kept
+from algorithms.large_arrays import pieces, room
 from algorithms.robust import MAD_TO_SIGMA
 from algorithms.types import Alignment, RingPoints, WallMap
 from sensor_model.geometry import fast_arctan2
@@ -41,7 +43,7 @@ class MapBuilder:
 
     settings: MapSettings
     waiting: dict[int, list[np.ndarray]] = field(default_factory=dict)
-    done: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)
+    done: ClosedBlocks = field(default_factory=ClosedBlocks)
     held: int = 0
     """How many points wait."""
 
@@ -169,19 +171,28 @@ def shift_waiting(builder: MapBuilder, along_mm: float) -> tuple[float, float]:
 
 
 def _close(builder: MapBuilder, block: int) -> None:
-    """Reduce a block's points to cells; a block that was closed before is joined by its weights."""
+    """Reduce a block's points to cells, and let them go."""
+    cells = _cells(builder, block)
+    builder.held -= sum(part.size for part in builder.waiting.pop(block))
+    if cells is not None:
+        keep(builder.done, block, cells)
+
+
+def _cells(builder: MapBuilder, block: int) -> Cells | None:
+    """A block's points as cells; those of one that was closed before are joined by their weights."""
     around, along = builder.shape
-    points = np.concatenate(builder.waiting.pop(block))
-    builder.held -= points.size
-    reduced = _reduce(points, around * along)
-    kinds = (np.float64, np.float32, np.float32, np.int32)
-    cells = tuple(part.astype(kind).reshape(around, along) for part, kind in zip(reduced, kinds, strict=True))
-    if block in builder.done:
-        cells = _joined(builder.done[block], cells)
-    builder.done[block] = cells
+    before = kept(builder.done, block, builder.shape)
+    if block not in builder.waiting:
+        return before
+    reduced = _reduce(np.concatenate(builder.waiting[block]), around * along)
+    radius, spread, sigma, count = (
+        part.astype(kind).reshape(around, along) for part, kind in zip(reduced, KINDS, strict=True)
+    )
+    cells = radius, spread, sigma, count
+    return cells if before is None else _joined(before, cells)
 
 
-def _joined(a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+def _joined(a: Cells, b: Cells) -> Cells:
     """Cells of both: the radius by the numbers of points, the larger of spreads and deviations."""
     count = a[3] + b[3]
     share = np.divide(b[3], count, out=np.zeros(count.shape), where=count > 0)
@@ -200,22 +211,23 @@ def finish_map(builder: MapBuilder) -> WallMap:
         MapTorn: when next to all of them would be empty.
     """
     _check_span(builder)
-    for block in list(builder.waiting):
-        _close(builder, block)
     around, along = builder.shape
-    blocks = range(min(builder.done), max(builder.done) + 1) if builder.done else range(0)
-    nothing = np.full((around, along), np.nan)
-    empty = (nothing, nothing.astype(np.float32), nothing.astype(np.float32), np.zeros((around, along), np.int32))
-    parts = [builder.done.get(b, empty) for b in blocks] or [tuple(part[:, :0] for part in empty)]
-    radius, spread, sigma, count = (np.concatenate([part[k] for part in parts], axis=1) for k in range(4))
-    builder.done.clear()  # laid end to end they are here twice
+    held = builder.waiting.keys() | builder.done.numbers
+    blocks = range(min(held), max(held) + 1) if held else range(0)
+    radius, spread, sigma, count = whole = [room((around, len(blocks) * along), kind) for kind in KINDS]
+    for part in pieces(*whole, rows=along):
+        for row in range(part.start, part.stop, along):
+            cells = _cells(builder, blocks[row // along]) or (np.nan, np.nan, np.nan, 0)
+            for laid, own in zip(whole, cells, strict=True):
+                laid[:, row : row + along] = own
+    builder.waiting, builder.done, builder.held = {}, ClosedBlocks(), 0
     theta = (np.arange(around) + 0.5) * 2 * np.pi / around
     z = (np.arange(len(blocks) * along) + (blocks[0] * along if blocks else 0) + 0.5) * builder.settings.cell_z_mm
     return WallMap(theta, z, radius, spread, sigma, count)
 
 
 def _check_span(builder: MapBuilder) -> None:
-    held = builder.waiting.keys() | builder.done.keys()
+    held = builder.waiting.keys() | builder.done.numbers
     span = max(held) - min(held) + 1 if held else 0
     if span > MOST_EMPTY + 2 * len(held):
         low, high = (block * builder.settings.block_mm for block in (min(held), max(held) + 1))

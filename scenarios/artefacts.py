@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import csv
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
+from algorithms.large_arrays import lines, percentile
 from algorithms.sizing.disposition import at_least
 from algorithms.types import Defect, Episode, Reconstruction, Trajectory, WallMap
 from sensor_model.geometry import clock_position, wall_direction, wxyz_from_rotation
@@ -45,20 +47,31 @@ def write_reconstruction(found: Reconstruction, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_tum(found.trajectory, folder / "trajectory.tum")
     wall = found.wall
-    np.savez_compressed(
-        folder / "wall_map.npz",
-        theta_rad=wall.theta_rad,
-        z_mm=wall.z_mm,
-        radius_mm=wall.radius_mm.astype(np.float32),
-        spread_mm=wall.spread_mm.astype(np.float32),
-        sigma_mm=wall.sigma_mm.astype(np.float32),
-        count=wall.count.astype(np.int32),
-        wall_dev_mm=found.deviation_mm.astype(np.float32),
-    )
+    write_map(wall, found.deviation_mm, folder / "wall_map.npz")
     write_cloud(wall, found.deviation_mm, folder / "cloud.ply")
     write_mesh(wall, found.deviation_mm, folder / "wall_mesh.ply")
     write_defects(found.defects, folder / "defects.csv")
     write_episodes(found.episodes, folder / "episodes.csv")
+
+
+def write_map(wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], file: Path) -> None:
+    """The map in single precision, as `numpy.savez_compressed` writes it, but a line at a time: a pipe may be long."""
+    arrays = {
+        "theta_rad": (wall.theta_rad, np.float64),
+        "z_mm": (wall.z_mm, np.float64),
+        "radius_mm": (wall.radius_mm, np.float32),
+        "spread_mm": (wall.spread_mm, np.float32),
+        "sigma_mm": (wall.sigma_mm, np.float32),
+        "count": (wall.count, np.int32),
+        "wall_dev_mm": (deviation_mm, np.float32),
+    }
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as held:
+        for name, (array, kind) in arrays.items():
+            about = {"descr": np.dtype(kind).str, "fortran_order": False, "shape": array.shape}
+            with held.open(f"{name}.npy", "w", force_zip64=True) as out:
+                np.lib.format.write_array_header_1_0(out, about)
+                for (line,) in lines(np.atleast_2d(array)):
+                    out.write(line.astype(kind).tobytes())
 
 
 def write_episodes(episodes: tuple[Episode, ...], file: Path) -> None:
@@ -120,27 +133,37 @@ def write_cloud(wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], 
 
 def write_mesh(wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], file: Path) -> None:
     """The seen wall as triangles between neighbouring seen cells; what was not seen stays open."""
-    seen = np.isfinite(deviation_mm)
-    count = sum(len(faces) for faces in mesh_faces(seen))
+    count = sum(len(faces) for faces in mesh_faces(deviation_mm))
     with file.open("wb") as out:
         face_header = [f"element face {count}", "property list uchar int vertex_indices"]
         _write_vertices(out, wall, deviation_mm, face_header)
-        for faces in mesh_faces(seen):
+        for faces in mesh_faces(deviation_mm):
             out.write(faces.tobytes())
 
 
-def mesh_faces(seen: Bool[np.ndarray, "around along"]) -> Iterator[np.ndarray]:
-    """Triangles between seen cells as PLY records, a column around the wall at a time; cells count as they are seen."""
-    number = (np.cumsum(seen.ravel(), dtype=np.int32) - 1).reshape(seen.shape)
-    for column in range(len(seen)):
-        yield _faces(number, seen, column)
+def mesh_faces(deviation_mm: Float[np.ndarray, "around along"]) -> Iterator[np.ndarray]:
+    """Triangles between seen cells as PLY records, a line of cells at a time; cells count as they are seen."""
+    first = before = None
+    for here in _numbered_lines(deviation_mm):
+        if before is not None:
+            yield _faces(before, here)
+        first, before = first or here, here
+    if first is not None and before is not None:
+        yield _faces(before, first)
 
 
-def _faces(number: Int[np.ndarray, "around along"], seen: Bool[np.ndarray, "around along"], column: int) -> np.ndarray:
-    """Triangles between one column of cells and the next around the wall, as PLY records."""
-    after = (column + 1) % len(seen)
-    here, next_ = number[column], number[after]
-    has, has_next = seen[column], seen[after]
+def _numbered_lines(deviation_mm: Float[np.ndarray, "around along"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Of every line of cells along the pipe its seen cells' numbers, and which were seen."""
+    count = 0
+    for (line,) in lines(deviation_mm):
+        seen = np.isfinite(line)
+        yield count + np.cumsum(seen, dtype=np.int32) - 1, seen
+        count += int(np.count_nonzero(seen))
+
+
+def _faces(line: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Triangles between one line of cells and the next around the wall, as PLY records."""
+    (here, has), (next_, has_next) = line, after
     lower = has[:-1] & has_next[:-1] & has[1:]
     upper = has_next[:-1] & has_next[1:] & has[1:]
     face = np.zeros(lower.sum() + upper.sum(), dtype=[("n", "u1"), ("corners", "<i4", 3)])
@@ -150,9 +173,10 @@ def _faces(number: Int[np.ndarray, "around along"], seen: Bool[np.ndarray, "arou
     return face
 
 
-def deepest_shown_mm(deviation_mm: np.ndarray) -> float:
+def deepest_shown_mm(deviation_mm: Float[np.ndarray, "around along"]) -> float:
     """The deviation that gets the last colour."""
-    return max(float(np.nanpercentile(deviation_mm, 99.5)), 0.5) if np.isfinite(deviation_mm).any() else 1.0
+    deepest = percentile(deviation_mm, 99.5)
+    return max(deepest, 0.5) if np.isfinite(deepest) else 1.0
 
 
 def _write_vertices(
@@ -160,18 +184,18 @@ def _write_vertices(
 ) -> None:
     """Header and vertices of a binary PLY with one scalar a vertex, which mesh libraries' writers leave out.
 
-    A column of cells at a time, so that a long pipe needs no more memory than its map. Colours are safe for the
+    A line of cells at a time, so that a long pipe needs no more memory. Colours are safe for the
     colour-blind (cividis), from the undamaged wall to the deepest place.
     """
     from matplotlib import colormaps
 
     header = ["ply", "format binary_little_endian 1.0", "comment lengths in mm, pipe frame"]
-    header += [f"element vertex {np.isfinite(deviation_mm).sum()}"]
+    header += [f"element vertex {sum(np.count_nonzero(np.isfinite(line)) for (line,) in lines(deviation_mm))}"]
     header += [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
     header += ["property float wall_dev_mm", *face_header, "end_header"]
     out.write(("\n".join(header) + "\n").encode())
     deepest = deepest_shown_mm(deviation_mm)
-    for theta, radius, deviation in zip(wall.theta_rad, wall.radius_mm, deviation_mm, strict=True):
+    for theta, (radius, deviation) in zip(wall.theta_rad, lines(wall.radius_mm, deviation_mm), strict=True):
         seen = np.isfinite(deviation)
         vertex = np.zeros(seen.sum(), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3), ("wall_dev_mm", "<f4")])
         vertex["xyz"] = wall_direction(theta) * radius[seen, None]

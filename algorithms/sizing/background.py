@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numba import njit
 
+from algorithms.large_arrays import pieces, room
 from algorithms.robust import MAD_TO_SIGMA
 from algorithms.types import WallMap
 
@@ -22,14 +25,16 @@ def deviation_mm(wall: WallMap) -> Float[np.ndarray, "around along"]:
     The bore is a circle and an oval (two harmonics around the wall), fitted robustly in overlapping blocks along z, so
     that neither a defect nor a slightly wrong calibration is taken for the other.
     """
-    deviation = np.full(wall.radius_mm.shape, np.nan)
+    deviation = room(wall.radius_mm.shape, np.float64)
     cell_mm = wall.cell_z_mm
     half, step = round(BLOCK_MM / cell_mm / 2), max(round(BLOCK_MM / cell_mm / 4), 1)
     shape = _shape(wall.theta_rad)
-    for first in range(0, wall.z_mm.size, step):
-        last = min(first + step, wall.z_mm.size)
-        bore = _bore(shape, seen_medians(wall.radius_mm, max(first + step // 2 - half, 0), first + step // 2 + half))
-        smooth_from(wall.radius_mm, bore, first, last, deviation)
+    for part in pieces(wall.radius_mm, deviation, rows=step):
+        deviation[:, part] = np.nan
+        for first in range(part.start, part.stop, step):
+            last, middle = min(first + step, part.stop), first + step // 2
+            bore = _bore(shape, seen_medians(wall.radius_mm, max(middle - half, 0), middle + half))
+            smooth_from(wall.radius_mm, bore, first, last, deviation)
     return deviation
 
 
@@ -133,8 +138,15 @@ def _median_of_seen(radius, bore, lines, j, some):
     return 0.5 * (some[(n - 1) // 2] + some[n // 2])
 
 
-def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Float[np.ndarray, "around along"]:
-    """Standard deviation of the undamaged wall in every cell; NaN where nothing was seen.
+class RowNoise(NamedTuple):
+    """Of every row of the map: how far its cells scatter, in their own sigmas, and rows among each other, in mm."""
+
+    within: Float[np.ndarray, "along"]
+    among_mm: Float[np.ndarray, "along"]
+
+
+def noise_of_rows(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> RowNoise:
+    """How noisy the undamaged wall is, row by row.
 
     How cells differ is known from the rings that saw them: the innermost is the least sharp, and sees alone where a
     scan ends or the strut passed. How large it all is, is not: that is taken from the map, by how far the cells of a
@@ -142,9 +154,17 @@ def noise_mm(wall: WallMap, deviation: Float[np.ndarray, "around along"]) -> Flo
     row that is deep as a whole, or for any part of it, is no noisier for that: a groove runs around the pipe.
     """
     half, far = (max(round(window / wall.cell_z_mm / 2), 1) for window in (NOISE_WINDOW_MM, ROWS_WINDOW_MM))
-    middle, wide = rows_of(deviation.T.copy(), wall.sigma_mm.T.copy())
-    within, among = np.fmax(wide, spreads_near(wide, half)[0]), spreads_near(middle, far)[1]
-    return np.hypot(within * wall.sigma_mm, among)
+    middle, wide = np.empty((2, wall.z_mm.size))
+    for part in pieces(deviation, wall.sigma_mm):
+        middle[part], wide[part] = rows_of(deviation[:, part].T.copy(), wall.sigma_mm[:, part].T.copy())
+    return RowNoise(np.fmax(wide, spreads_near(wide, half)[0]), spreads_near(middle, far)[1])
+
+
+def noise_mm(
+    noise: RowNoise, sigma_mm: Float[np.ndarray, "*cells"], rows: slice | Int[np.ndarray, "n"]
+) -> Float[np.ndarray, "*cells"]:
+    """Standard deviation of the undamaged wall in cells that lie in these rows; NaN where nothing was seen."""
+    return np.hypot(noise.within[rows] * sigma_mm, noise.among_mm[rows])
 
 
 @njit(cache=True, error_model="numpy")

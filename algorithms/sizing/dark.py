@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
+from algorithms.large_arrays import pieces
 from algorithms.sizing.edges import LOST_MM
-from algorithms.sizing.segment import groups, segment
+from algorithms.sizing.segment import groups_along, reach_of
 from algorithms.types import NO_LIGHT, THROUGH, Defect, WallMap
 from sensor_model.geometry import wrap_rad
 from sensor_model.recording import NominalPipe
@@ -41,7 +43,7 @@ class Dark(NamedTuple):
 
 
 def with_dark(
-    wall: WallMap, defects: tuple[Defect, ...], pipe: NominalPipe, steepest_light_rad: float
+    wall: WallMap, scanned: slice, defects: tuple[Defect, ...], pipe: NominalPipe, steepest_light_rad: float
 ) -> tuple[Defect, ...]:
     """The defects, with what dark places say: some go through the wall, and others are dark places alone.
 
@@ -51,7 +53,7 @@ def with_dark(
     """
     longest = pipe.wall_thickness_mm / float(np.tan(steepest_light_rad)) + 2 * LOST_MM
     every = list(defects)
-    for dark in _places(wall, pipe):
+    for _, dark in sorted(_places(wall, scanned, pipe), key=itemgetter(0)):
         beside = [k for k, defect in enumerate(every) if _touch(dark, defect, pipe)]
         if any(every[k].inward or every[k].floor_seen for k in beside):
             continue
@@ -76,11 +78,13 @@ def is_dim(wall: WallMap, columns: Int[np.ndarray, "c"], rows: Int[np.ndarray, "
     return bool(beside.size) and bool(inside.mean() < DIM_SHARE * beside.mean())
 
 
-def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:
-    """Every dark place with wall before, beyond and beside it that was looked at closely."""
+def _places(wall: WallMap, scanned: slice, pipe: NominalPipe) -> Iterator[tuple[tuple[int, int], Dark]]:
+    """Every dark place with wall before, beyond and beside it that was looked at closely, and its group's order."""
     cell_z, cell_arc, around = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm), wall.theta_rad.size
-    scanned, near = wall.scanned(), max(round(AROUND_MM / cell_z), 1)
-    for columns, rows in groups(segment(~wall.seen, wall, pipe.inner_radius_mm, 0.0), LEAST_CELLS):
+    near = max(round(AROUND_MM / cell_z), 1)
+    unseen = (~(wall.count[:, part] > 0) for part in pieces(wall.count))
+    touching = reach_of(wall, pipe.inner_radius_mm, 0.0)
+    for order, columns, rows in groups_along(unseen, touching, LEAST_CELLS, scanned.start + near):
         first, last = int(rows.min()), int(rows.max())
         center = round(float(np.angle(np.exp(2j * np.pi * columns / around).mean())) / (2 * np.pi) * around)
         turned = (columns - center + around // 2) % around - around // 2
@@ -105,7 +109,7 @@ def _places(wall: WallMap, pipe: NominalPipe) -> Iterator[Dark]:
         if (shorter >= SURE_MM and closely) or (unlikely and min(part.mean() for part in ends) >= LEAST_POINTS):
             middle = 2 * np.pi * (center + (turned.min() + turned.max()) / 2) / around
             theta = float(np.mod(wall.theta_rad[0] + middle, 2 * np.pi))
-            yield Dark(float(wall.z_mm[first] - cell_z / 2), length, cells * cell_arc, theta)
+            yield order, Dark(float(wall.z_mm[first] - cell_z / 2), length, cells * cell_arc, theta)
 
 
 def _touch(dark: Dark, defect: Defect, pipe: NominalPipe) -> bool:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from math import sqrt
+from operator import itemgetter
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
+from algorithms.large_arrays import pieces
+from algorithms.sizing.background import RowNoise, noise_mm
 from algorithms.sizing.dark import is_dim, with_dark
 from algorithms.sizing.depth import floor_of
 from algorithms.sizing.disposition import disposition
 from algorithms.sizing.edges import LOST_MM
 from algorithms.sizing.inward import as_inward
 from algorithms.sizing.outline import outline_of
-from algorithms.sizing.segment import groups, segment
-from algorithms.sizing.thresholds import ThresholdSettings
+from algorithms.sizing.segment import groups_along, reach_of
+from algorithms.sizing.thresholds import THRESHOLDS, ThresholdSettings, threshold_mm
 from algorithms.trust.feature_class import CLASSES, feature_class
 from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
@@ -58,54 +62,77 @@ class Window(NamedTuple):
     first_row: int
 
 
+class Called(NamedTuple):
+    """What is called a defect: deviation (turned about, for what stands inward), noise by rows, and the threshold."""
+
+    deviation_mm: Float[np.ndarray, "around along"]
+    sign: float
+    noise: RowNoise
+    least_mm: float
+
+
 def measure_defects(
     wall: WallMap,
     deviation_mm: Float[np.ndarray, "around along"],
-    threshold_mm: Float[np.ndarray, "around along"],
-    noise_mm: Float[np.ndarray, "around along"],
+    noise: RowNoise,
     pipe: NominalPipe,
     steepest_light_rad: float,
     settings: SizingSettings,
 ) -> tuple[Defect, ...]:
     """Every defect deeper than the threshold, and all that stands inward or returned no light, in order of distance.
 
-    `steepest_light_rad` is the widest half angle.
+    `steepest_light_rad` is the widest half angle. The map is gone over piece by piece, with what lies across their
+    ends carried along, so that all comes out as if it had been looked at whole.
     """
+    scanned = wall.scanned()
+    parts = partial(_parts, wall, Called(deviation_mm, 1.0, noise, 0.0))
+    least_mm = THRESHOLDS[settings.threshold.rule](parts, settings.threshold)
 
-    def beyond(deviation: Float[np.ndarray, "around along"]) -> list[Defect]:
-        windows = _windows(wall, deviation, threshold_mm, noise_mm, pipe, steepest_light_rad, settings)
-        return [measure_one(wall, window, pipe, steepest_light_rad, settings.limit_pct) for window in windows]
+    def beyond(sign: float) -> list[Defect]:
+        called = Called(deviation_mm, sign, noise, least_mm)
+        windows = _windows(wall, called, pipe, steepest_light_rad, settings)
+        found = [
+            (order, measure_one(wall, scanned, window, pipe, steepest_light_rad, settings.limit_pct))
+            for order, window in windows
+        ]
+        return [defect for _, defect in sorted(found, key=itemgetter(0))]
 
-    inward = (as_inward(height, pipe) for height in beyond(-deviation_mm))
-    return with_dark(wall, (*beyond(deviation_mm), *inward), pipe, steepest_light_rad)
+    inward = (as_inward(height, pipe) for height in beyond(-1.0))
+    return with_dark(wall, scanned, (*beyond(1.0), *inward), pipe, steepest_light_rad)
+
+
+def _parts(wall: WallMap, called: Called) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Deviation and noise of the map, piece by piece."""
+    for part in pieces(called.deviation_mm, wall.sigma_mm, wall.count):
+        yield called.sign * called.deviation_mm[:, part], noise_mm(called.noise, wall.sigma_mm[:, part], part)
 
 
 def _windows(
-    wall: WallMap,
-    deviation_mm: Float[np.ndarray, "around along"],
-    threshold_mm: Float[np.ndarray, "around along"],
-    noise_mm: Float[np.ndarray, "around along"],
-    pipe: NominalPipe,
-    steepest_light_rad: float,
-    settings: SizingSettings,
-) -> Iterator[Window]:
-    """A window on every group of cells beyond the threshold that is large enough."""
-    labels = segment(deviation_mm > JOIN_SHARE * threshold_mm, wall, pipe.inner_radius_mm, settings.join_mm)
-    labels[~(deviation_mm > threshold_mm)] = 0
+    wall: WallMap, called: Called, pipe: NominalPipe, steepest_light_rad: float, settings: SizingSettings
+) -> Iterator[tuple[tuple[int, int], Window]]:
+    """A window on every group of cells beyond the threshold that is large enough, and the group's order."""
+
+    def threshold(noise: np.ndarray) -> np.ndarray:
+        return threshold_mm(noise, called.least_mm, settings.threshold)
+
+    near = (deviation > JOIN_SHARE * threshold(noise) for deviation, noise in _parts(wall, called))
+    reach = reach_of(wall, pipe.inner_radius_mm, settings.join_mm)
     deepest = pipe.wall_thickness_mm / np.tan(steepest_light_rad) + LOST_MM  # as far as a shadow can reach
-    for columns, rows in groups(labels):
-        if columns.size < settings.min_cells:
+    for order, columns, rows in groups_along(near, reach, settings.min_cells):
+        noise = noise_mm(called.noise, wall.sigma_mm[columns, rows], rows)
+        deep = called.sign * called.deviation_mm[columns, rows] > threshold(noise)
+        if np.count_nonzero(deep) < settings.min_cells:
             continue
-        window = _window(wall, (deviation_mm, noise_mm, wall.sigma_mm), columns, rows, deepest, pipe.inner_radius_mm)
+        window = _window(wall, called, columns[deep], rows[deep], deepest, pipe.inner_radius_mm)
         length, width = np.ptp(np.nonzero(window.inside), axis=1)[::-1] + 1
         width_mm = width * wall.cell_arc_mm(pipe.inner_radius_mm)
         if length * wall.cell_z_mm >= settings.min_length_mm and width_mm >= settings.min_width_mm:
-            yield window
+            yield order, window
 
 
 def _window(
     wall: WallMap,
-    maps: tuple[np.ndarray, ...],
+    called: Called,
     columns: Int[np.ndarray, "n"],
     rows: Int[np.ndarray, "n"],
     margin_mm: float,
@@ -121,14 +148,15 @@ def _window(
     ahead = int(np.ceil(margin_mm / wall.cell_z_mm))
     begin, end = max(int(rows.min()) - ahead, 0), min(int(rows.max()) + ahead + 1, along)
     taken = np.arange(middle + first, middle + last + 1) % around
-    deviation, noise, sigma = (part[taken, begin:end] for part in maps)
+    deviation, sigma = called.sign * called.deviation_mm[taken, begin:end], wall.sigma_mm[taken, begin:end]
+    noise = noise_mm(called.noise, sigma, slice(begin, end))
     inside = np.zeros(deviation.shape, dtype=bool)
     inside[turned - first, rows - begin] = True
     return Window(deviation, noise, sigma, inside, middle + first, begin)
 
 
 def measure_one(
-    wall: WallMap, window: Window, pipe: NominalPipe, steepest_light_rad: float, limit_pct: float
+    wall: WallMap, scanned: slice, window: Window, pipe: NominalPipe, steepest_light_rad: float, limit_pct: float
 ) -> Defect:
     """Size one defect: depth over the background, then both extents at half of that depth."""
     deviation, inside = window.deviation_mm, window.inside
@@ -144,12 +172,11 @@ def measure_one(
             break
     box = deviation[np.ix_(*whole)]
     turn = (window.first_column + (arc.start_mm + arc.end_mm) / 2 / cell_arc) * 2 * np.pi / wall.theta_rad.size
-    scanned = wall.scanned()
     # a sliver between unseen wall may come out shorter than the cells it is made of
     length, width = max(axial.end_mm - axial.start_mm, cell_z), max(arc.end_mm - arc.start_mm, cell_arc)
     width_std = arc.std_mm
     crossed = columns.size
-    looked_at = int(wall.seen[:, window.first_row + rows].any(axis=1).sum())
+    looked_at = int((wall.count[:, window.first_row + rows] > 0).any(axis=1).sum())
     if crossed >= max(AROUND_SHARE * looked_at, wall.theta_rad.size / 2):
         # as wide as the bore goes round, its middle at 12 o'clock by custom; what was not seen of it may be wall
         width, turn = 2 * np.pi * pipe.inner_radius_mm, -float(wall.theta_rad[0])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -11,25 +12,84 @@ from numba import njit
 from algorithms.types import WallMap
 
 
+class Group(NamedTuple):
+    """The cells of one group, their columns (around) and rows (along), line after line.
+
+    `order` is the first line, and the first row on it, that the group's cells have within their reach.
+    """
+
+    order: tuple[int, int]
+    columns: Int[np.ndarray, "n"]
+    rows: Int[np.ndarray, "n"]
+
+
+def reach_of(wall: WallMap, inner_radius_mm: float, join_mm: float) -> tuple[int, int]:
+    """How many cells around and along each cell reaches, for gaps of so many mm to be joined."""
+    return int(join_mm / 2 / wall.cell_arc_mm(inner_radius_mm)), int(join_mm / 2 / wall.cell_z_mm)
+
+
 def segment(
     deep: Bool[np.ndarray, "around along"], wall: WallMap, inner_radius_mm: float, join_mm: float
 ) -> Int[np.ndarray, "around along"]:
     """Number the groups of deep cells, joined over small gaps and across 12 o'clock; 0 is no defect."""
-    reach_z = int(join_mm / 2 / wall.cell_z_mm)
-    reach_arc = int(join_mm / 2 / wall.cell_arc_mm(inner_radius_mm))
-    return numbered(deep, reach_arc, reach_z)
+    return numbered(deep, *reach_of(wall, inner_radius_mm, join_mm))
 
 
-def groups(labels: Int[np.ndarray, "around along"], fewest: int = 1) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Columns (around) and rows (along) of the cells of every group that has so many."""
-    cells = np.flatnonzero(labels)
-    of = labels.ravel()[cells]
-    large = np.bincount(of)[of] >= fewest
-    cells, of = cells[large], of[large]
-    order = np.argsort(of, kind="stable")
-    for part in np.split(cells[order], np.flatnonzero(np.diff(of[order])) + 1):
-        if part.size:
-            yield part // labels.shape[1], part % labels.shape[1]
+def groups_along(
+    masks: Iterable[Bool[np.ndarray, "around _"]], reach: tuple[int, int], fewest: int, lost_before: int = 0
+) -> Iterator[Group]:
+    """Every group of so many cells, as it ends, of a map that comes a piece after the other along the pipe.
+
+    The groups are those of the whole map, wherever pieces meet; what may go on in the next one is carried along. Of
+    a group that reaches further back than `lost_before` most cells are not kept: as the strut's sector, it may be as
+    long as the pipe.
+    """
+    far = 2 * reach[1] + 1  # cells further apart along the pipe belong together by others between them only
+    carried, last, end, around = np.zeros((3, 0), dtype=np.int64), None, 0, 0
+    for mask in masks:
+        both = mask if last is None else np.hstack([last, mask])
+        cells = _all_cells(carried, numbered(both, *reach), both.shape[1] - mask.shape[1], end)
+        around, end, last = len(mask), end + mask.shape[1], both[:, -far:]
+        near_end = cells[1] >= end - far
+        goes_on = _has(cells[2], near_end)
+        yield from _groups(cells[:, ~goes_on], fewest, reach, around)
+        kept = goes_on & (~_has(cells[2], cells[1] < lost_before) | near_end | (cells[1] < lost_before))
+        carried = cells[:, kept]
+    yield from _groups(carried, fewest, reach, around)
+
+
+def _all_cells(
+    carried: Int[np.ndarray, "3 n"], labels: Int[np.ndarray, "around along"], known: int, end: int
+) -> Int[np.ndarray, "3 m"]:
+    """Column, row and group of the carried cells and of the new ones, which follow as many rows as are known."""
+    columns, rows = np.nonzero(labels[:, known:])
+    new = np.stack([columns, rows + end, labels[columns, rows + known]])
+    cells, most = np.hstack([carried, new]), labels.max(initial=0)
+    again = carried[1] >= end - known
+    carried_as, here_as = carried[2, again], labels[carried[0, again], carried[1, again] - end + known]
+    same = np.arange(most + 1 + carried[2].max(initial=0) + 1)
+    _join_all(same, most + 1 + carried_as, here_as)
+    cells[2, : carried.shape[1]] += most + 1
+    cells[2] = same[cells[2]]
+    return cells
+
+
+def _has(of: Int[np.ndarray, "n"], which: Bool[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """The cells of those groups that have one of these."""
+    some = np.zeros(of.max(initial=0) + 1, dtype=bool)
+    some[of[which]] = True
+    return some[of]
+
+
+def _groups(cells: Int[np.ndarray, "3 n"], fewest: int, reach: tuple[int, int], around: int) -> Iterator[Group]:
+    """The groups of so many cells, given by column, row and group."""
+    cells = cells[:, np.bincount(cells[2])[cells[2]] >= fewest]
+    cells = cells[:, np.lexsort((cells[1], cells[0], cells[2]))]
+    for columns, rows, _ in np.split(cells, np.flatnonzero(np.diff(cells[2])) + 1, axis=1):
+        if columns.size:
+            lines = (columns[:, None] + np.arange(-reach[0], reach[0] + 1)) % around
+            on_first = (lines == lines.min()).any(axis=1)
+            yield Group((int(lines.min()), max(int(rows[on_first].min()) - reach[1], 0)), columns, rows)
 
 
 @njit(cache=True, error_model="numpy")
@@ -104,6 +164,15 @@ def _join_beside(label, same, i, j, beside):
 def _join(same, a, b):
     a, b = _first_of(same, a), _first_of(same, b)
     same[max(a, b)] = min(a, b)
+
+
+@njit(cache=True, error_model="numpy")
+def _join_all(same, one, other):
+    """Make one group of each two, and let every number lead to the lowest of its group."""
+    for k in range(one.size):
+        _join(same, one[k], other[k])
+    for k in range(same.size):
+        same[k] = _first_of(same, k)
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,14 +20,13 @@ def export_stl(run_folder: Path, out: Path) -> None:
         BadInput: when the run cannot be read.
     """
     run = read_found(run_folder)
-    seen = np.isfinite(run.deviation_mm)
-    around, along = np.nonzero(seen)
+    around, along = np.nonzero(np.isfinite(run.deviation_mm))
     places = wall_direction(run.wall.theta_rad[around]) * run.wall.radius_mm[around, along][:, None]
     places[:, 2] = run.wall.z_mm[along]
     with out.open("wb") as file:
         file.write(b"pipetwin: seen pipe wall, mm".ljust(80, b" ") + bytes(4))
         count = 0
-        for faces in mesh_faces(seen):
+        for faces in mesh_faces(run.deviation_mm):
             block = np.zeros(len(faces), dtype=TRIANGLE)
             corners = places[faces["corners"][:, ::-1]]
             normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 
+from algorithms.large_arrays import lines
 from algorithms.types import Reconstruction, seen_share
 from scenarios.field.finding import Finding, finding
 from scenarios.field.look import Watched
@@ -117,14 +118,13 @@ def _way(watched: Watched) -> Finding:
 
 
 def _inward(found: Reconstruction) -> Finding:
-    deviation = found.deviation_mm[:, found.wall.scanned()]
-    seen = np.isfinite(deviation)
-    inward = seen & (deviation < -INWARD_MM)
+    scanned = lines(found.deviation_mm[:, found.wall.scanned()])
+    every = np.array([(np.isfinite(line).sum(), (line < -INWARD_MM).sum()) for (line,) in scanned])
+    seen, inward = every.T
     share = float(inward.sum() / seen.sum()) if seen.any() else 0.0
     where = ""
     if inward.any():
-        z, around = found.wall.theta_rad, inward.sum(axis=1)
-        middle = np.angle(np.sum(around * np.exp(1j * z)))
+        middle = np.angle(np.sum(inward * np.exp(1j * found.wall.theta_rad)))
         where = f", about {np.degrees(middle) % 360:.0f} degrees clockwise from 12 o'clock"
     says = f"{100 * share:.1f} % of the seen wall stands in by more than {INWARD_MM:g} mm{where}"
     means = "Water, debris, a dent or false slits lie before the wall; what is under them is not measured."

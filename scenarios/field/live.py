@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from algorithms.closed_blocks import copied
 from algorithms.method import Method
 from algorithms.reconstruct import State, begin, sized, step, trajectory
 from algorithms.types import Reconstruction
@@ -187,7 +188,7 @@ def _so_far(followed: Followed) -> tuple[Live, State]:
     """What is known at this moment, and a state to measure it from, which the one that goes on does not touch."""
     state, latest = followed.state, followed.state.results[-1]
     waits, builder = np.array(followed.waits_s), state.builder
-    copy = MapBuilder(builder.settings, {b: list(p) for b, p in builder.waiting.items()}, dict(builder.done))
+    copy = MapBuilder(builder.settings, {b: list(p) for b, p in builder.waiting.items()}, copied(builder.done))
     live = Live(
         frames=followed.shown,
         distance_mm=float(latest.alignment.T_pipe_camera[2, 3]),
@@ -208,7 +209,7 @@ def _measured(state: State) -> tuple[Reconstruction | None, str]:
         wall = finish_map(state.builder)
     except MapTorn as error:
         return None, str(error)
-    if not wall.seen.any():
+    if wall.touched().stop == 0:
         return None, state.results[-1].alignment.reason or "no point lies where a wall can be"
     return sized(trajectory(state.results), wall, state.rig, state.pipe, state.method), ""
 

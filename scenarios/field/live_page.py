@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from algorithms.large_arrays import lines
 from algorithms.types import Reconstruction
 from scenarios.report.canvas import Picture
 from scenarios.report.numbers import fixed
@@ -137,15 +138,16 @@ def live_map(found: Reconstruction) -> Picture:
     """The unrolled wall coloured by depth, drawn without a plot's cost."""
     import cv2
 
-    touched = np.flatnonzero(found.wall.seen.any(axis=0))
-    deviation = found.deviation_mm[:, touched[0] : touched[-1] + 1]
+    touched = found.wall.touched()
+    deviation = found.deviation_mm[:, touched]
     deepest = max([LEAST_RANGE_MM, *(d.depth_mm for d in found.defects)])
-    some = deviation[:, np.linspace(0, deviation.shape[1] - 1, min(deviation.shape[1], MAP_PX[0])).astype(int)]
+    columns = np.linspace(0, deviation.shape[1] - 1, min(deviation.shape[1], MAP_PX[0])).astype(int)
+    some = np.array([line[columns] for (line,) in lines(deviation)])
     level = (np.clip(np.nan_to_num(some) / deepest, 0, 1) * 255).astype(np.uint8)
     bgr = cv2.applyColorMap(level, cv2.COLORMAP_CIVIDIS)
     bgr[~np.isfinite(some)] = UNSEEN_GREY
     file = cv2.imencode(".png", cv2.resize(bgr, MAP_PX, interpolation=cv2.INTER_NEAREST))[1].tobytes()
-    ends = found.wall.z_mm[touched[0]], found.wall.z_mm[touched[-1]]
+    ends = found.wall.z_mm[touched.start], found.wall.z_mm[touched.stop - 1]
     words = f"the wall from {ends[0]:.0f} to {ends[1]:.0f} mm, 12 o'clock at the top and again at the bottom"
     return Picture(
         file, "png", *MAP_PX, f"Map of {words}.", f"{words.capitalize()}; 0 to {deepest:.1f} mm deep, grey unseen."

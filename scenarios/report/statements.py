@@ -8,6 +8,7 @@ from math import radians, sin
 
 import numpy as np
 
+from algorithms.large_arrays import lines
 from algorithms.localisation.upright import VERTICAL_COSINE
 from algorithms.types import seen_share
 from scenarios.report.numbers import figure, score_figure, signed
@@ -221,10 +222,10 @@ def not_seen(run: Scan) -> list[str]:
 def never_seen(run: Scan) -> list[tuple[str, str]]:
     """Ranges of clock positions that the scan never showed."""
     wall = run.found.wall
-    seen = wall.seen[:, wall.scanned()]
-    if seen.shape[1] == 0:
+    count = wall.count[:, wall.scanned()]
+    if count.shape[1] == 0:
         return []
-    blind = seen.mean(axis=1) < NEVER_SEEN_SHARE
+    blind = np.array([np.mean(line > 0) < NEVER_SEEN_SHARE for (line,) in lines(count)])
     if blind.all():
         return [("12:00", "12:00")]
     first = int(np.flatnonzero(~blind)[0])  # start where the wall is seen, so that no range is cut in two

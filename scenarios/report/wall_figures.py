@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from algorithms.large_arrays import lines, percentile
 from algorithms.types import Defect, WallMap, seen_share
 from scenarios.report.canvas import (
     BLACK,
@@ -36,6 +37,7 @@ MARGIN_MM = 18.0
 SHALLOW_SHARE = 0.2
 DEPTH_DRAWN = 2.0  # so many times in the view in space
 VIEW_STRIPES = 130, 420
+MOST_COLUMNS = 4000  # of the map, several to a dot
 VIEW_RAD = np.radians([-28.0, 16.0])  # turned about the upright, and looked down upon
 LAMP = np.array([0.35, -0.80, 0.48])
 
@@ -52,9 +54,7 @@ def true_depth_mm(pipe: Pipe, theta_rad: np.ndarray | float, z_mm: np.ndarray | 
 
 def depth_range_mm(run: Scan) -> tuple[float, float]:
     """Ends of the depth colours: the deepest defect, true or measured."""
-    deviation = run.found.deviation_mm
-    seen = deviation[np.isfinite(deviation)]
-    low = float(np.percentile(seen, 0.5)) if seen.size else 0.0
+    low = percentile(run.found.deviation_mm, 0.5)
     deepest = [feature.size(_bore_mm(run)).depth_mm for feature in _true_features(run)]
     deepest += [defect.depth_mm for defect in run.found.defects]
     return (low if low < -INWARD_MM else 0.0), max([LEAST_RANGE_MM, *deepest])
@@ -73,8 +73,7 @@ def _bore_mm(run: Scan) -> float:
 def wall_map(run: Scan, rows: list[Row]) -> Picture:
     """The unrolled wall, coloured by depth, with measured boxes and, where they are known, true outlines."""
     wall = run.found.wall
-    touched = np.flatnonzero(wall.seen.any(axis=0))
-    columns = slice(int(touched[0]), int(touched[-1]) + 1)
+    columns = wall.touched()
     half_cell = (wall.z_mm[1] - wall.z_mm[0]) / 2
     ends = float(wall.z_mm[columns][0] - half_cell), float(wall.z_mm[columns][-1] + half_cell)
     low, high = depth_range_mm(run)
@@ -83,7 +82,7 @@ def wall_map(run: Scan, rows: list[Row]) -> Picture:
         axes.grid(visible=False)
         hatch_unseen(axes)
         shown = axes.imshow(
-            np.ma.masked_invalid(run.found.deviation_mm[:, columns]),
+            np.ma.masked_invalid(_drawn(run.found.deviation_mm[:, columns])),
             extent=(*ends, 360, 0),
             aspect="auto",
             interpolation="nearest",
@@ -111,6 +110,13 @@ def wall_map(run: Scan, rows: list[Row]) -> Picture:
             f"{'solid' if dashed else 'Solid'} box: as measured, numbered as in the table. Hatched grey: not seen "
             f"({unseen:.1f} % of the scanned wall), never filled in.",
         )
+
+
+def _drawn(deviation_mm: Float[np.ndarray, "around along"]) -> Float[np.ndarray, "around drawn"]:
+    """Of a long pipe evenly as many columns as are several to a dot."""
+    along = deviation_mm.shape[1]
+    columns = ((np.arange(min(along, MOST_COLUMNS)) + 0.5) * max(along / MOST_COLUMNS, 1)).astype(int)
+    return np.array([line[columns] for (line,) in lines(deviation_mm)])
 
 
 def _outline(axes: Axes, row: Row, run: Scan) -> None:
@@ -326,11 +332,13 @@ def _half_pipe(
     wall: WallMap, deviation_mm: Float[np.ndarray, "around along"], focus_rad: float, radius_mm: float
 ) -> tuple[Float[np.ndarray, "n 4 3"], Float[np.ndarray, "n"]]:
     """The seen cells of the half wall around `focus_rad` as quadrilaterals (along, away, up), and their depths."""
-    touched = np.flatnonzero(wall.seen.any(axis=0))
-    columns = touched[0] + np.unique(np.linspace(0, np.ptp(touched), VIEW_STRIPES[1]).astype(int))
+    touched = wall.touched()
+    length = touched.stop - touched.start
+    columns = touched.start + np.unique(np.linspace(0, length - 1, VIEW_STRIPES[1]).astype(int))
     turn = np.linspace(-np.pi / 2, np.pi / 2, VIEW_STRIPES[0])
     around = np.floor(np.mod(turn + focus_rad, 2 * np.pi) / (2 * np.pi) * wall.theta_rad.size).astype(int)
-    depth = deviation_mm[np.ix_(around % wall.theta_rad.size, columns)]
+    some = np.array([line[columns] for (line,) in lines(deviation_mm)])
+    depth = some[around % wall.theta_rad.size]
     drawn = radius_mm + DEPTH_DRAWN * np.nan_to_num(depth)
     along = np.broadcast_to(wall.z_mm[columns], drawn.shape)
     # the focus lies straight away from the reader; downstream to the right, so clockwise is downward

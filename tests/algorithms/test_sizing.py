@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +11,20 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from algorithms import large_arrays
 from algorithms.robust import spread
-from algorithms.sizing.background import deviation_mm, noise_mm, rows_of, seen_medians, smooth_from, spreads_near
+from algorithms.sizing.background import (
+    RowNoise,
+    deviation_mm,
+    noise_of_rows,
+    rows_of,
+    seen_medians,
+    smooth_from,
+    spreads_near,
+)
 from algorithms.sizing.disposition import at_least, disposition
 from algorithms.sizing.measure import SizingSettings, measure_defects
-from algorithms.sizing.segment import numbered, segment
+from algorithms.sizing.segment import groups_along, numbered, segment
 from algorithms.sizing.thresholds import THRESHOLDS, ThresholdSettings
 from algorithms.types import WallMap
 from sensor_model.recording import NominalPipe
@@ -39,10 +49,12 @@ def _map(pipe, noise=0.03, length=300.0, seed=0, hide=None):
 
 def _measure(wall, rule="noise", pipe=NOMINAL):
     deviation = deviation_mm(wall)
-    noise = noise_mm(wall, deviation)
     settings = SizingSettings(threshold=ThresholdSettings(rule=rule))
-    threshold = THRESHOLDS[rule](deviation, noise, settings.threshold)
-    return measure_defects(wall, deviation, threshold, noise, pipe, STEEPEST, settings)
+    return measure_defects(wall, deviation, noise_of_rows(wall, deviation), pipe, STEEPEST, settings)
+
+
+def _even(noise_mm, wall):
+    return RowNoise(np.zeros(wall.z_mm.size), np.full(wall.z_mm.size, noise_mm))
 
 
 def _pipe(*features, **settings):
@@ -251,6 +263,53 @@ def test_groups_are_those_that_scipy_labels_on_a_ring(seed):
     pairs = set(zip(expected.ravel(), found.ravel(), strict=True))
     assert len(pairs) == np.unique(expected).size == np.unique(found).size
 
+    cuts = np.unique(rng.integers(1, deep.shape[1], 4))  # as they come piece by piece: no other, and known in order
+    came = sorted(groups_along(np.split(deep, cuts, axis=1), (int(arc), int(along)), 1), key=lambda one: one.order)
+    assert [set(zip(one.columns, one.rows, strict=True)) for one in came] == [
+        set(zip(*np.nonzero(found == number), strict=True)) for number in range(1, found.max() + 1)
+    ]
+    assert all(np.all(np.diff(one.columns * deep.shape[1] + one.rows) > 0) for one in came)
+
+
+@pytest.mark.parametrize("rule", sorted(THRESHOLDS))
+def test_a_map_sized_in_pieces_has_the_very_defects_of_the_whole(rule, monkeypatch):
+    features = [
+        {**POCKET, "distance_mm": 90, "length_mm": 20, "depth_mm": 3, "clock_deg": 0},
+        {**POCKET, "distance_mm": 225, "length_mm": 180, "width_mm": 8, "depth_mm": 2},  # longer than three pieces
+        {"kind": "scratch", "distance_mm": 270, "clock_deg": 250, "path_length_mm": 120, "width_mm": 4, "depth_mm": 1}
+        | {"heading_deg": 20},
+        {**POCKET, "distance_mm": 360, "length_mm": 12, "clock_deg": 60},
+        {"kind": "dent", "distance_mm": 405, "clock_deg": 200, "length_mm": 30, "width_mm": 25, "depth_mm": 4},
+    ]
+
+    def hidden(theta, z):
+        degrees = np.degrees(theta)
+        strut, slot = np.abs(degrees - 300 - z / 50) < 15, (np.abs(degrees - 30) < 6) & (z > 200) & (z < 320)
+        return strut | slot | (np.random.default_rng(3).random((degrees + z).shape) < 0.02)
+
+    wall = _map(_pipe(*features), noise=0.05, length=500, hide=hidden)
+    whole = _measure(wall, rule)
+    assert len(whole) >= 5
+    assert {"inward", "through"} < {defect.feature_class for defect in whole}
+    for rows in (45, 64):
+        monkeypatch.setattr(large_arrays, "PIECE_CELLS", rows * 360)
+        assert repr(_measure(wall, rule)) == repr(whole)
+
+
+def test_sizing_a_longer_pipe_takes_no_more_memory(monkeypatch):
+    monkeypatch.setattr(large_arrays, "PIECE_CELLS", 45 * 360)
+    monkeypatch.setattr(large_arrays, "LARGE_BYTES", 1000)
+    peaks = []
+    for length in (300, 1500):
+        pits = [{"kind": "pit", "distance_mm": z, "clock_deg": 90, "diameter_mm": 20, "depth_mm": 3} for z in (90, 210)]
+        wall = _map(_pipe(*pits), length=length, hide=lambda theta, z: np.degrees(theta) + 0 * z < 37)
+        assert len(_measure(wall)) == 2  # compiled by now
+        tracemalloc.start()
+        _measure(wall)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
 
 def _hidden_start(start, run, half_deg=30):
     """Cells that the near rim keeps in the dark, from a start on."""
@@ -310,10 +369,7 @@ def test_a_long_shallow_scratch_is_one_though_noise_lifts_parts_of_it(seed):
     rng = np.random.default_rng(seed)
     wall, deviation = _map(_pipe()), rng.normal(0, 0.04, (360, 300))
     deviation[100:103, 100:180] += 0.42 + 0.08 * np.sin(np.arange(80) / 6)
-    noise = np.full(deviation.shape, 0.04)
-    (found,) = measure_defects(
-        wall, deviation, np.full(deviation.shape, 0.4), noise, NOMINAL, STEEPEST, SizingSettings()
-    )
+    (found,) = measure_defects(wall, deviation, _even(0.04, wall), NOMINAL, STEEPEST, SizingSettings())
     assert found.length_mm == pytest.approx(80, abs=2)
 
 
@@ -500,8 +556,7 @@ def test_lines_between_rings_that_cross_are_no_holes():
 def test_where_everything_is_a_defect_it_is_one_and_cut():
     wall = _map(_pipe(), length=60)
     deep = np.random.default_rng(0).normal(3, 0.03, wall.radius_mm.shape)
-    noise = np.full(deep.shape, 0.03)
-    (found,) = measure_defects(wall, deep, np.full(deep.shape, 0.4), noise, NOMINAL, STEEPEST, SizingSettings())
+    (found,) = measure_defects(wall, deep, _even(0.03, wall), NOMINAL, STEEPEST, SizingSettings())
     assert found.cut_by_scan_end
     assert found.depth_mm == pytest.approx(3, abs=0.05)
     assert found.width_mm == pytest.approx(2 * np.pi * 76.2, abs=2)
@@ -533,8 +588,7 @@ def test_spikes_that_smoothing_would_take_are_sized_by_what_they_are():
     wall = _map(_pipe(), noise=0.02)
     deviation = deviation_mm(wall)
     deviation[100:112:2, 140:152:2] = 4.0  # every other cell, as frames that do not fit together leave them
-    noise = np.full(deviation.shape, 0.02)
     settings = SizingSettings(join_mm=5.0)
-    (found,) = measure_defects(wall, deviation, np.full(deviation.shape, 0.4), noise, NOMINAL, STEEPEST, settings)
+    (found,) = measure_defects(wall, deviation, _even(0.02, wall), NOMINAL, STEEPEST, settings)
     assert found.depth_std_mm > 1.0
     assert found.length_mm == pytest.approx(11, abs=3)

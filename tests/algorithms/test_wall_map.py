@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
+
 import numpy as np
 import pytest
 
-from algorithms import wall_map
+from algorithms import closed_blocks, large_arrays, wall_map
+from algorithms.hindsight import straightened
 from algorithms.types import Alignment, RingPoints
 from algorithms.wall_map import FEW, MapBuilder, MapSettings, _reduce, add_points, finish_map, on_a_wall
 from sensor_model.geometry import wall_direction
@@ -97,6 +101,52 @@ def test_memory_stays_flat_and_late_points_still_count():
     row = np.searchsorted(wall.z_mm, 200.4)
     assert np.allclose(wall.radius_mm[:, row], 77.2, atol=1e-3)  # one early, one late
     assert wall.count[0, row] == 2
+
+
+def _there_and_back():
+    theta, rng = np.radians(np.arange(0.5, 360, 2.0)), np.random.default_rng(0)
+    builder = MapBuilder(MapSettings())
+    for z in [*np.arange(0.5, 1200, 5.0), *np.arange(1150.5, 0, -35.0), 2000.5]:
+        points = _ring(theta, np.full(theta.size, z), rng.normal(76.2, 0.1, theta.size))
+        add_points(builder, points, _everything(points), HERE)
+    return builder
+
+
+def test_blocks_and_maps_in_files_are_those_in_memory(monkeypatch):
+    whole = finish_map(_there_and_back())
+    monkeypatch.setattr(closed_blocks, "MOST_CELLS", 3 * 360 * 100)
+    monkeypatch.setattr(large_arrays, "LARGE_BYTES", 1000)
+    monkeypatch.setattr(large_arrays, "PIECE_CELLS", 4 * 360 * 100)
+    builder = _there_and_back()
+    assert len(builder.done.latest) == 3
+    in_files = finish_map(builder)
+    for name in ("z_mm", "radius_mm", "spread_mm", "sigma_mm", "count"):
+        assert np.array_equal(getattr(in_files, name), getattr(whole, name), equal_nan=True)
+    z_mm, ahead = np.arange(0.0, 2000, 50), 0.0
+    move = np.column_stack([0.01 * z_mm, 1e-4 * z_mm])
+    both = [straightened(wall, z_mm, move, ahead) for wall in (whole, in_files)]
+    assert np.array_equal(both[0].radius_mm, both[1].radius_mm, equal_nan=True)
+    assert both[0].scanned() == both[1].scanned()
+
+
+@pytest.mark.parametrize("pct", [0.5, 40.0, 50.0, 99.5])
+def test_a_percentile_line_by_line_is_numpys(pct):
+    rng = np.random.default_rng(0)
+    for shape in [(1, 1), (3, 7), (20, 301)]:
+        values = rng.normal(0, 1, shape)
+        values[rng.random(shape) < 0.3] = np.nan
+        values[0, 0] = 0.1
+        assert large_arrays.percentile(values, pct) == np.nanpercentile(values, pct)
+    assert np.isnan(large_arrays.percentile(np.full((2, 3), np.nan), pct))
+
+
+def test_a_full_disk_is_said_before_anything_is_written(monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(OSError, match=r"no room for 80 MB of the wall map \(No space left on device\); TMPDIR may"):
+        large_arrays.room((100, 100_000), np.float64)
 
 
 def test_a_robot_that_goes_to_and_fro_fills_no_memory(monkeypatch):

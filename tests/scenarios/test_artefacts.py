@@ -50,9 +50,7 @@ def _path() -> Trajectory:
 
 def _reconstruction(unseen=(UNSEEN,), defects=DEFECTS) -> Reconstruction:
     wall, deviation = _wall(unseen)
-    return Reconstruction(
-        _path(), wall, deviation, np.full(deviation.shape, 0.05), np.full(deviation.shape, 0.5), defects
-    )
+    return Reconstruction(_path(), wall, deviation, defects)
 
 
 @pytest.fixture(scope="module")
