@@ -20,7 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from campaigns.fuzz_kinds import Kind, every_kind
-from campaigns.mutated_binary import cdr, mcap, npy, npz, ply, png, sqlite
+from campaigns.mutated_arrays import npy, npz, ply
+from campaigns.mutated_bags import cdr, mcap, sqlite
+from campaigns.mutated_pictures import png
 from campaigns.mutated_text import Mutation, Rng, nested, pick, raw, table
 from scenarios.document import BadInput
 from sensor_model.recording import BadRecording, open_recording
@@ -43,11 +45,16 @@ BAD = ("TRACEBACK", "HANGS", "SLOW", "FLOOD", "refused without a word")
 PLACES = re.compile(r"/\S*|'[^']*'|\d+|\[.*?\]")
 
 
+class Late(BaseException):
+    """A case took too long; no reader's own handling of errors may keep it."""
+
+
 class Outcomes(NamedTuple):
     """How often each thing became of a kind's cases, and how often each thing was said."""
 
     what: Counter[str]
     said: Counter[str]
+    bad: Counter[str]
 
 
 def mutate(sound: Path, case: Path, rng: Rng) -> Path:
@@ -66,32 +73,36 @@ def mutate(sound: Path, case: Path, rng: Rng) -> Path:
 
 def odd(file: Path, rng: Rng) -> None:
     """Something in a file's place that is none, or nothing."""
-    makers = (Path.mkdir, os.mkfifo, lambda _: None, lambda path: path.symlink_to(path), lambda path: path.symlink_to("/"))
+    makers = (
+        Path.mkdir,
+        os.mkfifo,
+        lambda _: None,
+        lambda path: path.symlink_to(path),
+        lambda path: path.symlink_to("/"),
+    )
     pick(makers, rng)(file)
 
 
-def one_case(kind: Kind, case: Path, said: Counter[str]) -> str:
-    """Read one mutated file or folder; what became of it."""
+def one_case(kind: Kind, case: Path) -> tuple[str, str]:
+    """Read one mutated file or folder; what became of it, and in which words."""
     signal.setitimer(signal.ITIMER_REAL, 10 * LONGEST_S)
     began, held_kb = time.process_time(), most_kb()
     try:
         kind.read(case)
-        what = "read"
+        what, words = "read", ""
     except (BadInput, BadRecording) as error:
-        lines = str(error).strip().splitlines() or [""]
-        what = "refused" if lines[0] else "refused without a word"
-        said[PLACES.sub("#", lines[0])[:80]] += 1
-    except Exception as error:
-        what = {MemoryError: "FLOOD", TimeoutError: "HANGS"}.get(type(error), "TRACEBACK")
-        said[what_raised(error)] += 1
+        words = PLACES.sub("#", (str(error).strip().splitlines() or [""])[0])[:80]
+        what = "refused" if words else "refused without a word"
+    except (Exception, Late) as error:
+        what, words = {MemoryError: "FLOOD", Late: "HANGS"}.get(type(error), "TRACEBACK"), what_raised(error)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
     if most_kb() - held_kb > MOST_MB * 1024:
-        return "FLOOD"
-    return "SLOW" if time.process_time() - began > LONGEST_S else what
+        what = "FLOOD"
+    return ("SLOW" if time.process_time() - began > LONGEST_S else what), words
 
 
-def what_raised(error: Exception) -> str:
+def what_raised(error: BaseException) -> str:
     """Its kind, its words, and the last line of ours that it passed."""
     ours = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.startswith(str(ROOT))]
     return f"{type(error).__name__} at {Path(ours[-1].filename).relative_to(ROOT)}:{ours[-1].lineno}: {str(error)[:80]}"
@@ -109,7 +120,7 @@ def lay_out(sound: Path, case: Path) -> None:
 
 def fuzz_kind(name: str, kind: Kind, cases: range, seed: int, folder: Path, bad: Path) -> Outcomes:
     """So many cases of one kind; what ends badly is kept, with the numbers that make it again."""
-    found = Outcomes(Counter(), Counter())
+    found = Outcomes(Counter(), Counter(), Counter())
     work = folder / f"case {name}"
     work.mkdir()
     case = work / kind.sound.name
@@ -121,15 +132,16 @@ def fuzz_kind(name: str, kind: Kind, cases: range, seed: int, folder: Path, bad:
             work.mkdir()
             lay_out(kind.sound, case)
         changed = mutate(kind.sound, case, np.random.default_rng([seed, number, zlib.crc32(name.encode())]))
-        what = one_case(kind, case, found.said)
+        what, words = one_case(kind, case)
         found.what[what] += 1
-        if what in BAD:
+        found.said[words] += what == "refused"
+        found.bad[words] += what in BAD
+        if what in BAD and found.bad[words] == 1:  # of those alike, the first
             kept = bad / f"{name.replace(' ', '-')}-seed{seed}-case{number}" / case.name
             shutil.rmtree(kept.parent, ignore_errors=True)
             kept.parent.mkdir(parents=True)
             shutil.copytree(case, kept, symlinks=True) if case.is_dir() else shutil.copyfile(case, kept)
-            why = next(reversed(found.said), "") if what != "SLOW" else ""
-            print(f"{what}: {name}, {why} --seed {seed} --first {number}; kept as {kept}", flush=True)
+            print(f"{what}: --only '{name}' --seed {seed} --first {number}: {words}; kept as {kept}", flush=True)
         restore(kind.sound, case, changed)
     return found
 
@@ -142,11 +154,13 @@ def restore(sound: Path, case: Path, changed: Path) -> None:
     os.link(sound / changed.relative_to(case) if sound.is_dir() else sound, changed)
 
 
-def fuzz(recording: Path, cases: int, seed: int, only: str = "", first: int = 0, bad: Path = Path("fuzz-bad")) -> dict[str, Outcomes]:
+def fuzz(
+    recording: Path, cases: int, seed: int, only: str = "", first: int = 0, bad: Path = Path("fuzz-bad")
+) -> dict[str, Outcomes]:
     """So many cases of every kind, as its weight says, or of those whose name holds a text."""
 
     def late(*_: object) -> None:
-        raise TimeoutError
+        raise Late
 
     signal.signal(signal.SIGALRM, late)
     tally: dict[str, Outcomes] = {}
@@ -156,16 +170,17 @@ def fuzz(recording: Path, cases: int, seed: int, only: str = "", first: int = 0,
                 continue
             began, count = time.process_time(), max(1, round(kind.weight * cases))
             tally[name] = fuzz_kind(name, kind, range(first, first + count), seed, Path(folder), bad)
-            print(line(name, tally[name], 1e3 * (time.process_time() - began) / count), flush=True)
+            each_ms = 1e3 * (time.process_time() - began) / count
+            print(f"{line(name, tally[name], each_ms)}; at most {most_kb() / 1024:.0f} MB", flush=True)
     return tally
 
 
 def line(name: str, found: Outcomes, each_ms: float) -> str:
     """A kind's row: how deep its cases went is seen from what was read, and how many different things were said."""
     cases, read = found.what.total(), found.what["read"]
-    common = max(found.said.values(), default=0) / cases
+    common = max(found.said.values()) / cases
     ends = ", ".join(f"{what} {n}" for what, n in sorted(found.what.items()) if what in BAD) or "all well"
-    depth = f"{100 * read / cases:5.1f} % read, {len(found.said):4d} refusals, the commonest {100 * common:5.1f} %"
+    depth = f"{100 * read / cases:5.1f} % read, {len(+found.said):4d} refusals, the commonest {100 * common:5.1f} %"
     return f"{name:<14} {cases:6d} cases, {depth}, {each_ms:5.1f} ms each; {ends}"
 
 
@@ -181,7 +196,9 @@ def main() -> None:
     given = parser.parse_args()
     open_recording(given.recording)
     tally = fuzz(given.recording, given.cases, given.seed, given.only, given.first, given.bad)
-    total, bad = (sum(counts.what[w] for counts in tally.values() for w in counts.what if w in BAD or all_) for all_ in (1, 0))
+    total, bad = (
+        sum(counts.what[w] for counts in tally.values() for w in counts.what if w in BAD or all_) for all_ in (1, 0)
+    )
     print(f"{total} cases of {len(tally)} kinds, {bad} ended badly; at most {most_kb() / 1024:.0f} MB")
     sys.exit(bool(bad))
 

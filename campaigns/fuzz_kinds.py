@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from campaigns.mutated_binary import packed_array
+from campaigns.mutated_arrays import packed_array
 from scenarios.artefacts import DEFECT_COLUMNS, EPISODE_COLUMNS
 from scenarios.bench.reference import fit_references
 from scenarios.calibration.covariance_file import covariance_file, read_covariance, write_covariance
@@ -20,7 +20,6 @@ from scenarios.calibration.imu import read_poses
 from scenarios.calibration.pictures import read_picture
 from scenarios.calibration.rig_file import read_rig, read_settings
 from scenarios.document import BadInput
-from scenarios.fidelity.agreed import FOLDER, read_comparisons
 from scenarios.field.export import export
 from scenarios.field.export_tally import tally
 from scenarios.field.live_log import next_due, open_live, read_more
@@ -52,7 +51,7 @@ from scenarios.trust.runs import read_scan as read_judged
 from scenarios.view.drive import read_run
 from sensor_model.points import NOISES, PointNoise
 from sensor_model.recording import NominalPipe, open_recording, read_frame, write_frame_list
-from sensor_model.rig import load_settings, preset_rig, save_settings
+from sensor_model.rig import preset_rig, save_settings
 from twin.truth import ARRAYS
 
 FRAMES, LONGER_S = 3, 0.03  # of the log that is mutated, and how much longer its other tables are
@@ -239,7 +238,9 @@ def small_run(folder: Path, recording: Path) -> Path:
     radius = 76 + np.random.default_rng(0).normal(0, 0.05, (theta.size, z.size)).astype(np.float32)
     grid = {name: np.full_like(radius, 0.05) for name in ("spread_mm", "sigma_mm")}
     count = np.full(radius.shape, 30, dtype=np.int32)
-    np.savez(made / "wall_map.npz", theta_rad=theta, z_mm=z, radius_mm=radius, count=count, wall_dev_mm=radius - 76, **grid)
+    np.savez(
+        made / "wall_map.npz", theta_rad=theta, z_mm=z, radius_mm=radius, count=count, wall_dev_mm=radius - 76, **grid
+    )
     head = ("defect", *(name for name in DEFECT_COLUMNS if name != "defect"))
     (made / "defects.csv").write_text(f"{','.join(head)}\n1,{MEASURED}\n2,{MEASURED.replace('150.25', '90')}\n")
     (made / "episodes.csv").write_text(f"{','.join(EPISODE_COLUMNS)}\ngap,imu0,0.5,0.7,0.2\n")
@@ -272,7 +273,10 @@ def small_study(folder: Path, file: Path) -> Path:
 def tables(folder: Path) -> dict[str, Kind]:
     """Tables of looks, gauges, attitudes and poses."""
     looks = ["target,size,first,second,signal", *(f"t{k},{k / 4},{k % 2},{k // 3 % 2},{k / 5}" for k in range(12))]
-    gauge = ["part,operator,value", *(f"p{p},o{o},{p + o / 10 + t / 100}" for p in range(3) for o in range(2) for t in range(2))]
+    gauge = [
+        "part,operator,value",
+        *(f"p{p},o{o},{p + o / 10 + t / 100}" for p in range(3) for o in range(2) for t in range(2)),
+    ]
     clock = [f"12:30:{k:02d},{k * 1000},1,2,3,0.1,0.2,9.8,1,2,3,0.5,0.5,0.5,0.5" for k in range(12)]
     poses = ["rx,ry,rz", *(f"{k / 10},0.1,{k / 20}" for k in range(8))]
     texts = {"looks.csv": looks, "gauge.csv": gauge, "device.csv": ["clock", *clock], "poses.csv": poses}
@@ -282,7 +286,7 @@ def tables(folder: Path) -> dict[str, Kind]:
     references.mkdir()
     turn = np.linspace(0, 6, 12)
     (references / "A.asc").write_text("\n".join(f"{5 * np.cos(a)} {5 * np.sin(a)} {a}" for a in turn) + "\n")
-    (references / "A.answer.txt").write_text("\n".join("0 0 0 0 0 1 5".split()) + "\n")
+    (references / "A.answer.txt").write_text("\n".join(["0", "0", "0", "0", "0", "1", "5"]) + "\n")
     return {
         "looks": Kind(folder / "looks.csv", by_looks),
         "gauge": Kind(folder / "gauge.csv", lambda file: gauge_of(file, "part", "operator", "value")),
@@ -300,9 +304,10 @@ def settings(folder: Path) -> dict[str, Kind]:
         (folder / f"{name}.yaml").write_text(text)
     rig = preset_rig()
     (folder / "rig.yaml").write_text(settings_yaml(rig))
-    (folder / "pipe.yaml").write_text("{inner_radius_mm: 76.2, wall_thickness_mm: 7.5, launch_mm: 0, joints_mm: [100.5, 900]}\n")
+    (folder / "pipe.yaml").write_text(
+        "{inner_radius_mm: 76.2, wall_thickness_mm: 7.5, launch_mm: 0, joints_mm: [100.5, 900]}\n"
+    )
     shutil.copyfile(NOISES / "default.yaml", folder / "noise.yaml")
-    shutil.copyfile(next(FOLDER.glob("*.json")), folder / "fidelity.json")
     (folder / "covariance").mkdir()
     write_covariance(rig.projector, np.eye(5 + len(rig.projector.slits)) / 100, folder / "covariance" / "rig.yaml")
     covariance = covariance_file(folder / "covariance" / "rig.yaml")
@@ -321,9 +326,8 @@ def settings(folder: Path) -> dict[str, Kind]:
         "topics": kind("topics", lambda file: read_settings(Topics, file)),
         "rig": kind("rig", lambda file: read_rig(str(file)), 0.7),
         "pipe": kind("pipe", lambda file: read_settings(NominalPipe, file)),
-        "noise": kind("noise", lambda file: load_settings(PointNoise, file)),
+        "noise": kind("noise", lambda file: read_settings(PointNoise, file)),
         "covariance": Kind(covariance, lambda file: read_covariance(rig.projector, file.with_name("rig.yaml")), 0.3),
-        "fidelity.json": Kind(folder / "fidelity.json", read_comparisons),
     }
 
 
@@ -346,7 +350,10 @@ def packed(folder: Path) -> dict[str, Kind]:
         text = "".join("{:.3f} {:.3f} {:.3f}\n".format(*row) for row in xyz).encode()
         (folder / name).write_bytes(head.encode() + (text if form == "ascii" else xyz.astype("<f4").tobytes()))
     rig = small_rig()
-    kinds = {name: Kind(folder / name, lambda file: read_scan(file, file.name)) for name in ("scan.npz", "scan.ply", "scan-text.ply")}
+    kinds = {
+        name: Kind(folder / name, lambda file: read_scan(file, file.name))
+        for name in ("scan.npz", "scan.ply", "scan-text.ply")
+    }
     return {
         **kinds,
         "frame.png": Kind(folder / "picture.png", lambda file: read_frame(file, rig), 3),

@@ -14,15 +14,57 @@ from ruamel.yaml import YAML
 
 Rng = np.random.Generator
 Mutation = Callable[[bytes, Rng], bytes]
-BYTES = (b"\x00", b"\xff" * 8, b"-1", b"1e999", b"nan", b"\n", b"\r", b",", b"9" * 30, b"#", b"../", b'"', b"\xef\xbb\xbf")
-CELLS = "|nan|inf|-inf|NaN|-1|0|-0.0|1e308|-1e308|1e-320|1e999|9223372036854775807|9223372036854775808|007|0x10|1_000|٣|"
-CELLS += "²|1,5|1;5| 1 |+1|abc|true|hit|../../etc/passwd|\x00|\x85|\u2028|'|\"|#|=1+1|-|NA|25:61:99|-1:00:00|::|1e15|12:60"
+BYTES = (
+    b"\x00",
+    b"\xff" * 8,
+    b"-1",
+    b"1e999",
+    b"nan",
+    b"\n",
+    b"\r",
+    b",",
+    b"9" * 30,
+    b"#",
+    b"../",
+    b'"',
+    b"\xef\xbb\xbf",
+)
+CELLS = "|nan|inf|-inf|NaN|-1|0|-0.0|1e308|-1e308|1e-320|1e999|9223372036854775807|9223372036854775808|007|0x10"
+CELLS += "|1_000|٣|²|1,5|1;5| 1 |+1|abc|true|hit|../../etc/passwd|\x00|\x85|\u2028|'|\"|#|=1+1|-|NA|25:61:99|-1:00:00"
+CELLS += "|::|1e15|12:60"
 VALUES = (*CELLS.split("|"), "9" * 40, "9" * 5000, "x" * 5000, "1" + "0" * 400 + ".5")
-PLAIN = (None, True, False, 0, -1, 1, 0.0, -0.0, 1e-320, 1e308, -1e308, 2**63, 10**39, -(10**30), "", [], {}, [[]], [None])
-SHORT = ".inf|-.inf|.nan|Infinity|NaN|1e999|*a|&a 1|&a [*a]|!!python/object/apply:os.system [x]|!!binary aGk=|!!float 1"
-SHORT += "|2026-01-01|2026-13-45|0o17|0x1F|1_000|1:30|~|yes|<<|{<<: *a}|? [1, 2]|- - -|'|\"\\ud800\"|\"\\x00\"|\t|---|%YAML 9"
-SHORT += "|{? {a: 1} : 2}|{a: 1, a: 2}|null|[1,]|{1: 2}|{true: 1}|!a b|!!set {a}|!!omap [a: 1]|!!timestamp 2026|!!int abc|&a"
+PLAIN = (
+    None,
+    True,
+    False,
+    0,
+    -1,
+    1,
+    0.0,
+    -0.0,
+    1e-320,
+    1e308,
+    -1e308,
+    2**63,
+    10**39,
+    -(10**30),
+    "",
+    [],
+    {},
+    [[]],
+    [None],
+)
+SHORT = ".inf|-.inf|.nan|Infinity|NaN|1e999|*a|&a 1|&a [*a]|!!python/object/apply:os.system [x]|!!binary aGk=|~|yes"
+SHORT += '|!!float 1|2026-01-01|2026-13-45|0o17|0x1F|1_000|1:30|<<|{<<: *a}|? [1, 2]|- - -|\'|"\\ud800"|"\\x00"|\t|---'
+SHORT += (
+    "|---|%YAML 9|{? {a: 1} : 2}|{a: 1, a: 2}|null|[1,]|{1: 2}|{true: 1}|!a b|!!set {a}|!!omap [a: 1]|!!timestamp 2026"
+)
+SHORT += "|!!int abc|&a"
 RAW = (*SHORT.split("|"), "[" * 40 + "]" * 40, "[" * 3000 + "]" * 3000, "9" * 5000, "{a: " * 400 + "1" + "}" * 400)
+
+
+SIZES = (0, 1, 2, 63, 64, 65, 255, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
+NUMBERS = (np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-300, 1e6, 1e12, 1e300, -1e300, 2.0**53, 2.0**63)
 
 
 class Raw(str):
@@ -97,7 +139,9 @@ def scaled(cell: str, rng: Rng) -> str:
         value = float(cell)
     except ValueError:
         return cell
-    new = value * float(pick((-1, 0, 0.5, 1.0001, 2, 10, 1e3, 1e6, 1e9, 1e-6, 1e-9, 1e200), rng)) + int(rng.integers(-1, 2))
+    new = value * float(pick((-1, 0, 0.5, 1.0001, 2, 10, 1e3, 1e6, 1e9, 1e-6, 1e-9, 1e200), rng)) + int(
+        rng.integers(-1, 2)
+    )
     whole = "." not in cell and "e" not in cell and math.isfinite(new)
     return str(int(new)) if whole else repr(new)
 
@@ -166,13 +210,17 @@ def _change(root: dict, rng: Rng) -> None:
             other, name = pick(places, rng)
             held[key] = deepcopy(other[name])
         case 5 if isinstance(held, dict) and len(held) > 1:
-            held[pick((Raw(repr(key) + " "), "unknown", "", 3, Raw("? []"), Raw("<<"), Raw("[1]"), key.upper()), rng)] = value
+            held[
+                pick((Raw(repr(key) + " "), "unknown", "", 3, Raw("? []"), Raw("<<"), Raw("[1]"), key.upper()), rng)
+            ] = value
         case 5 | 6 if len(held) > 1:
             del held[key]
         case 7 if isinstance(value, list):
             held[key] = deepcopy(pick((value[::-1], value * 2, value[:-1], value[:1], value * 300, [value]), rng))
         case 8 if isinstance(value, str):
-            held[key] = pick((value.upper(), value + " ", value * 2000, value[::-1], value[:-1], f"{value}\n", [value]), rng)
+            held[key] = pick(
+                (value.upper(), value + " ", value * 2000, value[::-1], value[:-1], f"{value}\n", [value]), rng
+            )
         case _ if isinstance(value, int | float) and not isinstance(value, bool):
             text = scaled(str(value), rng)
             held[key] = Raw(text) if text[-1].isdigit() else Raw("." + text.lstrip("-"))

@@ -11,7 +11,6 @@ from functools import cached_property
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
-from tokenize import TokenError
 from typing import Annotated
 
 import numpy as np
@@ -233,7 +232,7 @@ def _read_header(file: Path, data: bytes) -> tuple[int, int]:
         if np.lib.format.read_magic(text) != (1, 0):
             raise ValueError("version 1.0 of the format is expected")
         shape, _, dtype = np.lib.format.read_array_header_1_0(text)
-    except (ValueError, SyntaxError, TokenError, TypeError) as error:  # the header is read as Python's literals are
+    except Exception as error:  # the header is read as Python's literals are, which raise whatever they trip over
         raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
     if dtype != SLIT_PIXEL or len(shape) != 1:
         raise BadRecording(f"{file}: shape {shape} of {dtype}; (n,) of {SLIT_PIXEL} is expected")

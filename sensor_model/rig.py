@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -17,7 +17,7 @@ from sensor_model.settings import Settings
 Color = Literal["R", "Y", "B"]
 Vector3 = tuple[float, float, float]
 AnySettings = TypeVar("AnySettings", bound=Settings)
-MAX_SETTINGS_BYTES = 2**20
+MAX_SETTINGS_BYTES, DEEPEST_SETTINGS = 2**18, 32  # the parser takes about 60 kB a second
 RIGS = Path(__file__).parent / "rigs"
 
 
@@ -174,6 +174,10 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
     if path.stat().st_size > MAX_SETTINGS_BYTES:
         raise ValueError(f"{path.stat().st_size} bytes; at most {MAX_SETTINGS_BYTES}")
     yaml, text = YAML(typ="safe", pure=True), path.read_text()
+    # the parser's time grows with the square of the depth of brackets
+    steps = (1 if mark in "[{" else -1 for mark in text if mark in "[]{}")
+    if max(accumulate(steps), default=0) > DEEPEST_SETTINGS:
+        raise ValueError(f"brackets nested more than {DEEPEST_SETTINGS} deep; no setting lies so deep")
     try:
         # an alias has no use in settings, and a few lines of them unfold without bounds
         if "*" in text and any(isinstance(event, AliasEvent) for event in yaml.parse(text)):
@@ -181,6 +185,8 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
         return kind.model_validate(yaml.load(text))
     except YAMLError as error:
         raise ValueError(f"not YAML: {error}") from error
+    except RecursionError as error:
+        raise ValueError("nested too deeply; no setting lies so deep") from error
 
 
 def rigs() -> dict[str, Path]:

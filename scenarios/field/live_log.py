@@ -14,6 +14,7 @@ import numpy as np
 from sensor_model.recording import (
     LARGEST_COUNT,
     LATEST_NS,
+    QUATERNION_TOLERANCE,
     SLIT_PIXELS_SUFFIX,
     BadRecording,
     Frame,
@@ -78,11 +79,12 @@ class Tail:
 
 @dataclass
 class Series:
-    """The latest of a table: stamps and numbers (`whole`: counts), from one row before what is still needed."""
+    """The latest of a table: numbers (`whole`: counts, `unit`: quaternions) from one row before what is needed."""
 
     tail: Tail
     columns: int
     whole: bool = False
+    unit: bool = False
     stamps_ns: list[int] = field(default_factory=list)
     values: list[list[float]] = field(default_factory=list)
 
@@ -103,6 +105,8 @@ class Series:
                 raise BadRecording(f"{where}: {row}; {self.columns} finite numbers are expected")
             if self.whole and any(value != round(value) or abs(value) > LARGEST_COUNT for value in values):
                 raise BadRecording(f"{where}: {row}; whole counts up to {LARGEST_COUNT} are expected")
+            if self.unit and abs(np.linalg.norm(values) - 1) > QUATERNION_TOLERANCE:
+                raise BadRecording(f"{where}: a quaternion of length {np.linalg.norm(values):.3g}; 1 is expected")
             self.stamps_ns.append(stamp)
             self.values.append(values)
         return self.tail.line > before
@@ -163,7 +167,7 @@ def open_live(folder: Path) -> LiveLog | None:
         raise BadRecording(f"{folder}: {error}") from error
     wheels = len(rig.wheels.diameters_mm)
     imu, orientation, encoders = (
-        Series(Tail(folder / name / "data.csv"), columns, whole=name == "encoders0")
+        Series(Tail(folder / name / "data.csv"), columns, whole=name == "encoders0", unit=name == "orientation0")
         for name, columns in (("imu0", 6), ("orientation0", 4), ("encoders0", wheels))
     )
     return LiveLog(folder, rig, pipe, Tail(folder / "cam0" / "data.csv"), imu, orientation, encoders)
