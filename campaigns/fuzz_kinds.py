@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from algorithms.method import Method
+from algorithms.reconstruct import ReconstructionFailed, reconstruct
 from campaigns.mutated_arrays import packed_array
 from scenarios.artefacts import DEFECT_COLUMNS, EPISODE_COLUMNS
 from scenarios.bench.reference import fit_references
@@ -55,7 +57,7 @@ from sensor_model.rig import preset_rig, save_settings
 from twin.truth import ARRAYS
 
 FRAMES, LONGER_S = 3, 0.03  # of the log that is mutated, and how much longer its other tables are
-PICTURE_PX = 64, 64
+PICTURE_PX, EVERY = 64, 8
 Reader = Callable[[Path], object]
 
 
@@ -151,6 +153,15 @@ def by_reader(log: Path) -> None:
         recording[index]
 
 
+def by_measurement(log: Path) -> None:
+    """The log as it is measured, by the default method."""
+    recording = open_recording(log)
+    try:
+        reconstruct((recording[k] for k in range(len(recording))), recording.rig, recording.pipe, Method())
+    except ReconstructionFailed as error:
+        raise BadInput([str(error)]) from error
+
+
 def by_live(log: Path) -> None:
     """The log as it is followed."""
     live = open_live(log)
@@ -208,7 +219,7 @@ def short(recording: Path, target: Path, pictures: bool = False) -> Path:
         if pictures:
             cv2.imwrite(str(target / name), smooth_picture())
         else:
-            np.save(target / name, np.load(recording / source)[:40], allow_pickle=False)
+            np.save(target / name, np.load(recording / source)[::EVERY], allow_pickle=False)
     save_settings(small_rig() if pictures else opened_log.rig, target / "rig.yaml")
     save_settings(opened_log.pipe, target / "pipe.yaml")
     return target
@@ -216,12 +227,12 @@ def short(recording: Path, target: Path, pictures: bool = False) -> Path:
 
 def smooth_picture() -> np.ndarray:
     """Colours that change slowly."""
-    return (np.add.outer(*map(np.arange, PICTURE_PX))[..., None] * [0.5, 1, 1.5]).astype(np.uint8)
+    return (np.add.outer(*[np.arange(PICTURE_PX)] * 2)[..., None] * [0.5, 1, 1.5]).astype(np.uint8)
 
 
 def small_rig():
     """A rig whose pictures are small."""
-    size = dict(zip(("height_px", "width_px"), PICTURE_PX, strict=True))
+    size = dict.fromkeys(("height_px", "width_px"), PICTURE_PX)
     rig = preset_rig()
     return rig.model_copy(update={"camera": rig.camera.model_copy(update=size)})
 
@@ -374,6 +385,7 @@ def every_kind(recording: Path, folder: Path) -> dict[str, Kind]:
     pictures = short(recording, folder / "pictures", pictures=True)
     return {
         "recording": Kind(log, by_reader, 1),
+        "measured": Kind(log, by_measurement, 0.3),
         "pictures": Kind(pictures, by_reader, 0.5),
         "live": Kind(log, by_live, 1),
         "frame.npy": Kind(np_frame, lambda file: read_frame(file, preset_rig()), 2),

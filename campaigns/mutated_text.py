@@ -210,9 +210,8 @@ def _change(root: dict, rng: Rng) -> None:
             other, name = pick(places, rng)
             held[key] = deepcopy(other[name])
         case 5 if isinstance(held, dict) and len(held) > 1:
-            held[
-                pick((Raw(repr(key) + " "), "unknown", "", 3, Raw("? []"), Raw("<<"), Raw("[1]"), key.upper()), rng)
-            ] = value
+            other = (Raw(repr(key) + " "), "unknown", "", 3, Raw("? []"), Raw("<<"), Raw("[1]"), str(key).upper())
+            held[pick(other, rng)] = value
         case 5 | 6 if len(held) > 1:
             del held[key]
         case 7 if isinstance(value, list):

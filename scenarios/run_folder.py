@@ -73,7 +73,7 @@ def _is_run(folder: Path) -> bool:
     """Whether a folder holds a run and nothing else."""
     try:
         said = json.loads((folder / MARK).read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(said, dict) and "pipetwin" in said and {path.name for path in folder.iterdir()} <= PARTS
 

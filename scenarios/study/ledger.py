@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import Field, TypeAdapter
 
 from scenarios.document import BadInput, shown
-from scenarios.study.ledger_cells import FACTS, checked, plain_of
+from scenarios.study.ledger_cells import FACTS, DamagedCell, checked, plain_of
 from scenarios.study.plain import canonical
 
 FILE, LOCK = "ledger.sqlite", "lock"
@@ -202,7 +202,7 @@ class Ledger:
         try:
             with _full_disk_said(self.folder):
                 yield
-        except (ValueError, sqlite3.DatabaseError) as error:  # the first: of a cell
+        except (DamagedCell, sqlite3.DatabaseError) as error:
             code = getattr(error, "sqlite_errorcode", 0) & 0xFF
             if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise BadInput([f"{self.file}: another program has locked it; close that and try again"]) from error

@@ -11,6 +11,10 @@ from typing_extensions import TypedDict
 from scenarios.document import shown
 
 
+class DamagedCell(Exception):
+    """A cell that holds something else than it should."""
+
+
 class _Identity(TypedDict):
     __pydantic_config__ = ConfigDict(extra="allow")  # type: ignore[misc]  # pydantic's own way to say it
 
@@ -32,12 +36,12 @@ def plain_of(cell: str, holds: TypeAdapter, what: str) -> Any:
     """The data of a cell's JSON, as it stands there.
 
     Raises:
-        ValueError: with the cell, for what is no JSON or does not hold what is expected.
+        DamagedCell: with the cell, for what is no JSON or does not hold what is expected.
     """
     try:
         found = json.loads(cell)
     except (ValueError, TypeError, RecursionError) as error:
-        raise ValueError(f"{what}: got {shown(cell)}; JSON is expected") from error
+        raise DamagedCell(f"{what}: got {shown(cell)}; JSON is expected") from error
     checked(found, holds, what)
     return found
 
@@ -46,11 +50,11 @@ def checked(found: Any, holds: TypeAdapter, what: str) -> None:
     """Raise unless data are of a kind.
 
     Raises:
-        ValueError: with the field, the value and what is expected.
+        DamagedCell: with the field, the value and what is expected.
     """
     try:
         holds.validate_python(found, strict=True)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         where = ".".join(map(str, (what, *fault["loc"])))
-        raise ValueError(f"{where}: got {shown(fault['input'])}; {fault['msg']}") from error
+        raise DamagedCell(f"{where}: got {shown(fault['input'])}; {fault['msg']}") from error

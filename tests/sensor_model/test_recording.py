@@ -167,6 +167,7 @@ NARROW = [("pixel", "<f4", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")]
         (lambda rows: _promising(-1), "-1 rows"),  # noqa: ARG005
         (lambda rows: b"PK\x03\x04 not rows", "not a frame of slit pixels"),  # noqa: ARG005
         (lambda rows: b"", "not a frame of slit pixels"),  # noqa: ARG005
+        (lambda rows: b"\x93NUMPY\x01\x00\x88\x13" + b"-" * 5000, "not a frame of slit pixels"),  # noqa: ARG005
         (lambda rows: b"\x93NUMPY\x01\x00\xff\xff{", "not a frame of slit pixels"),  # noqa: ARG005
         (lambda rows: bytes(MAX_FILE_BYTES + 1), f"{MAX_FILE_BYTES + 1} bytes; at most {MAX_FILE_BYTES}"),  # noqa: ARG005
     ],
@@ -206,6 +207,14 @@ def test_a_quaternion_without_length_is_refused(log, tmp_path):
 def test_aliases_are_refused(log, tmp_path):
     copy = _spoiled(log, tmp_path, "pipe.yaml", lambda _: "inner_radius_mm: &a 70\nwall_thickness_mm: *a\n")
     with pytest.raises(BadRecording, match="aliases"):
+        open_recording(copy)
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, "- " * 5000])
+def test_settings_nested_without_end_are_refused_at_once(text, log, tmp_path):
+    """A YAML parser's time grows with the square of the depth, and then it runs out of stack."""
+    copy = _spoiled(log, tmp_path, "pipe.yaml", lambda _: text)
+    with pytest.raises(BadRecording, match="deep"):
         open_recording(copy)
 
 
