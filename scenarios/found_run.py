@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from math import isfinite, prod
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 import numpy as np
@@ -160,6 +161,8 @@ def read_arrays(file: Path, names: tuple[str, ...], most_bytes: int) -> dict[str
         BadInput: for a file that is not there, too large, none of numbers, or lacks a name.
     """
     try:
+        if not S_ISREG(file.stat().st_mode):
+            raise BadInput([f"{file}: is no plain file"])
         with zipfile.ZipFile(file) as parts:
             unpacked = sum(part.file_size for part in parts.infolist())
             if unpacked > most_bytes:
@@ -214,6 +217,8 @@ def _read_tum(file: Path) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 
 
 def _lines(file: Path) -> Iterator[tuple[int, str]]:
     try:
+        if not S_ISREG(file.stat().st_mode):  # a pipe would be waited for
+            raise BadInput([f"{file}: is no plain file"])
         if file.stat().st_size > LARGEST_TABLE_BYTES:
             raise BadInput([f"{file}: is larger than {LARGEST_TABLE_BYTES / 1e6:g} MB"])
         with file.open(encoding="utf-8", newline="") as text:

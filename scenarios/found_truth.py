@@ -35,6 +35,8 @@ def read_truth(folder: Path) -> Truth:
 
 def _read_pipe(file: Path) -> Pipe:
     try:
+        if not file.is_file():
+            raise BadInput([f"{file}: is no plain file"])
         if file.stat().st_size > LARGEST_PIPE_BYTES:
             raise BadInput([f"{file}: is larger than {LARGEST_PIPE_BYTES / 1e6:g} MB"])
         return Pipe.model_validate_json(file.read_bytes())

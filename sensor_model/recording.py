@@ -18,16 +18,16 @@ from jaxtyping import Float, Int, UInt8
 from pydantic import Field, field_validator
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_model.rig import AnySettings, Rig, load_settings, save_settings
+from sensor_model.rig import QUATERNION_TOLERANCE, AnySettings, Rig, load_settings, save_settings
 from sensor_model.settings import Settings
 
 MAX_FILE_BYTES = 64 * 2**20
 MAX_LOG_BYTES = 2**30
 STAMP_DIGITS, LATEST_NS = 19, 2**63 - 1  # a present-day stamp has 19 digits
-QUATERNION_TOLERANCE = 0.05
 SLIT_PIXELS_SUFFIX = ".npy"
 SLIT_PIXEL = np.dtype([("pixel", "<f8", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")])
 LARGEST_COUNT = 2**53  # beyond it a double does not hold every whole number
+FURTHEST_MM = 1e9  # along a pipe
 LATE_S = 0.2  # how far a frame may lie outside the other sensors' logs
 COLUMNS = {
     "imu0": "w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
@@ -43,13 +43,15 @@ class BadRecording(ValueError):
 class NominalPipe(Settings):
     """What the operator knows of the pipe before the scan, from its standard and the job's papers."""
 
-    inner_radius_mm: Annotated[float, Field(gt=5)]
-    wall_thickness_mm: Annotated[float, Field(gt=0)]
-    launch_mm: float = 0.0
+    inner_radius_mm: Annotated[float, Field(gt=5, le=10_000)]
+    wall_thickness_mm: Annotated[float, Field(gt=0, le=10_000)]
+    launch_mm: Annotated[float, Field(ge=-FURTHEST_MM, le=FURTHEST_MM)] = 0.0
     """Where along the pipe the camera stands as the log begins."""
     wall_tolerance_pct: Annotated[float, Field(ge=0, le=100)] = 12.0
     """By how much the wall may be thicker than that: a standard states the least one (ASTM D1785 and D2513: 12 %)."""
-    joints_mm: tuple[float, ...] = Field(default=(), max_length=10_000)
+    joints_mm: tuple[Annotated[float, Field(ge=-FURTHEST_MM, le=FURTHEST_MM)], ...] = Field(
+        default=(), max_length=10_000
+    )
     """Where along the pipe its joints are by the as-built papers, in order; `featured` ties the distance to them."""
     joints_std_mm: Annotated[float, Field(gt=0)] = 1.0
     """How exact those papers are."""

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from stat import S_ISREG
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from sensor_model.recording import (
     LARGEST_COUNT,
     LATEST_NS,
-    QUATERNION_TOLERANCE,
     SLIT_PIXELS_SUFFIX,
     BadRecording,
     Frame,
@@ -22,7 +22,7 @@ from sensor_model.recording import (
     Recording,
     refuse_link,
 )
-from sensor_model.rig import Rig, load_settings
+from sensor_model.rig import QUATERNION_TOLERANCE, Rig, load_settings
 
 END = "# end"
 LONGEST_LINE = 4096
@@ -46,11 +46,14 @@ class Tail:
             BadRecording: naming file and line.
         """
         try:
-            if os.lstat(self.path).st_size <= self.offset:
-                return
+            stat = os.lstat(self.path)
         except FileNotFoundError:
             return
         refuse_link(self.path)
+        if not S_ISREG(stat.st_mode):
+            raise BadRecording(f"{self.path}: is no plain file")
+        if stat.st_size <= self.offset:
+            return
         with self.path.open("rb") as file:
             file.seek(self.offset)
             data = file.read(READ_BYTES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 
 import numpy as np
 import pytest
@@ -207,6 +208,29 @@ def test_a_quaternion_without_length_is_refused(log, tmp_path):
 def test_aliases_are_refused(log, tmp_path):
     copy = _spoiled(log, tmp_path, "pipe.yaml", lambda _: "inner_radius_mm: &a 70\nwall_thickness_mm: *a\n")
     with pytest.raises(BadRecording, match="aliases"):
+        open_recording(copy)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("pipe.yaml", "launch_mm: 0.0", "launch_mm: 1.0e+39", "launch_mm"),
+        ("rig.yaml", "q_camera_imu_wxyz: [0.7", "q_camera_imu_wxyz: [7.7", "a quaternion of length"),
+        ("rig.yaml", "fx_px: 588.673", "fx_px: 5.0e+300", "fx_px"),
+    ],
+)
+def test_numbers_that_no_rig_and_no_pipe_has_are_refused(file, old, new, said, log, tmp_path):
+    """Squared, they are no numbers any more, and a fit that divides by them ends without a word."""
+    copy = _spoiled(log, tmp_path, file, lambda text: text.replace(old, new))
+    with pytest.raises(BadRecording, match=said):
+        open_recording(copy)
+
+
+def test_a_pipe_in_place_of_settings_is_not_waited_for(log, tmp_path):
+    copy = _spoiled(log, tmp_path, "pipe.yaml", str)
+    (copy / "pipe.yaml").unlink()
+    os.mkfifo(copy / "pipe.yaml")
+    with pytest.raises(BadRecording, match="no plain file"):
         open_recording(copy)
 
 
