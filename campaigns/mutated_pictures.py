@@ -66,7 +66,7 @@ def _new_header(header: bytes, rng: Rng) -> bytes:
 def _repacked(chunks: list[tuple[bytes, bytes]], rng: Rng) -> list[tuple[bytes, bytes]]:
     """The pixels changed and packed again, or what unpacks to far more."""
     try:
-        pixels = zlib.decompress(b"".join(body for kind, body in chunks if kind == b"IDAT"))
+        pixels = zlib.decompressobj().decompress(b"".join(body for kind, body in chunks if kind == b"IDAT"), 2**16)
     except zlib.error:  # changed already
         pixels = b"\x00" * 99
     new = pick((pixels[: len(pixels) // 2], pixels * 3, raw(pixels, rng), b"", bytes(len(pixels))), rng)

@@ -77,8 +77,8 @@ class Projector(Settings):
 
     @model_validator(mode="after")
     def _in_order(self) -> Projector:
-        if not any(self.axis):
-            raise ValueError("axis must have a length")
+        if not self.axis[2] > 0:
+            raise ValueError(f"axis must point ahead, its z above 0; got {self.axis[2]:g}")
         angles = [self.inner_half_angle_deg, *(s.half_angle_deg for s in self.slits), self.outer_half_angle_deg]
         if any(b - a <= self.slit_width_deg for a, b in pairwise(angles)):
             raise ValueError(

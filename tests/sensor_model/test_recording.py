@@ -216,6 +216,7 @@ def test_aliases_are_refused(log, tmp_path):
     [
         ("pipe.yaml", "launch_mm: 0.0", "launch_mm: 1.0e+39", "launch_mm"),
         ("rig.yaml", "q_camera_imu_wxyz: [0.7", "q_camera_imu_wxyz: [7.7", "a quaternion of length"),
+        ("rig.yaml", "axis: [0.0, 0.0, 1.0]", "axis: [0.0, 0.0, -1.0]", "axis must point ahead"),
         ("rig.yaml", "fx_px: 588.673", "fx_px: 5.0e+300", "fx_px"),
     ],
 )
