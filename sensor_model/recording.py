@@ -27,6 +27,7 @@ STAMP_DIGITS, LATEST_NS = 19, 2**63 - 1  # a present-day stamp has 19 digits
 SLIT_PIXELS_SUFFIX = ".npy"
 SLIT_PIXEL = np.dtype([("pixel", "<f8", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")])
 LARGEST_COUNT = 2**53  # beyond it a double does not hold every whole number
+FURTHEST_PX, SMALLEST_SIGMA_PX = 1e6, 1e-9  # beyond them squares lose all meaning
 FURTHEST_MM = 1e9  # along a pipe
 LATE_S = 0.2  # how far a frame may lie outside the other sensors' logs
 COLUMNS = {
@@ -208,8 +209,11 @@ def _read_slit_pixels(file: Path, slits: int) -> SlitPixels:
     """Slit pixels of one frame, checked before anything compiled, which looks at no bounds, reads them."""
     rows = _read_rows(file)
     pixel, slit, sigma = (np.ascontiguousarray(rows[name]) for name in ("pixel", "slit", "sigma_px"))
-    if not (np.isfinite(pixel).all() and np.isfinite(sigma).all() and (sigma > 0).all()):
-        raise BadRecording(f"{file}: pixels and sigma_px must be finite, sigma_px positive")
+    if not (
+        (np.abs(pixel) <= FURTHEST_PX).all() and (sigma <= FURTHEST_PX).all() and (sigma >= SMALLEST_SIGMA_PX).all()
+    ):
+        allowed = f"finite, at most {FURTHEST_PX:g}, sigma_px positive, at least {SMALLEST_SIGMA_PX:g}"
+        raise BadRecording(f"{file}: pixels and sigma_px must be {allowed}")
     if slit.size and not 0 <= slit.min() <= slit.max() < slits:
         raise BadRecording(f"{file}: slits from {slit.min()} to {slit.max()}; the rig has 0 to {slits - 1}")
     return SlitPixels(pixel, slit, sigma)

@@ -160,6 +160,7 @@ NARROW = [("pixel", "<f4", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")]
         (_set("slit", lambda slit: -1 - slit), "slits from -8 to -1"),
         (_set("pixel", lambda pixel: pixel * np.nan), "finite"),
         (_set("sigma_px", np.zeros_like), "positive"),
+        (_set("sigma_px", lambda sigma: sigma * 1e300), "at most 1e[+]06"),
         (lambda rows: np.stack([rows, rows]), r"shape \(2, \d+\)"),
         (lambda rows: rows.astype(NARROW), "<f4"),
         (lambda rows: np.array([{}]), "of object"),  # noqa: ARG005
