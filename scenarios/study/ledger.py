@@ -202,7 +202,7 @@ class Ledger:
         try:
             with _full_disk_said(self.folder):
                 yield
-        except (DamagedCell, sqlite3.DatabaseError) as error:
+        except (DamagedCell, UnicodeDecodeError, sqlite3.DatabaseError) as error:  # SQLite quotes a damaged schema
             code = getattr(error, "sqlite_errorcode", 0) & 0xFF
             if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise BadInput([f"{self.file}: another program has locked it; close that and try again"]) from error

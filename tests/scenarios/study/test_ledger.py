@@ -140,6 +140,7 @@ CELLS = [
     "UPDATE runs SET figures = '[\"x\"]'",
     "UPDATE runs SET state = 9",
     "UPDATE runs SET setting = printf('%.*c', 5000, '[')",
+    "ALTER TABLE runs RENAME COLUMN figures TO other",
     "UPDATE about SET value = '[1]' WHERE name = 'name'",
 ]
 
