@@ -4,257 +4,211 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import resource
 import shutil
 import signal
-import struct
 import sys
 import tempfile
 import time
 import traceback
 import zlib
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from campaigns.fuzz_kinds import Kind, every_kind
+from campaigns.mutated_arrays import npy, npz, ply
+from campaigns.mutated_bags import cdr, mcap, sqlite
+from campaigns.mutated_pictures import png
+from campaigns.mutated_text import Mutation, Rng, nested, pick, raw, table
 from scenarios.document import BadInput
-from scenarios.field.export import export
-from scenarios.field.live_log import next_due, open_live, read_more
-from scenarios.field.read import read_log
-from scenarios.field.scan_file import read_scan
-from scenarios.field.spool import read_spool
-from scenarios.field.told import Told
-from scenarios.load import load_scenario
-from sensor_model.recording import BadRecording, open_recording, read_frame, write_frame_list
+from sensor_model.recording import BadRecording, open_recording
 
-LONGEST_S, MOST_MB = 2.0, 1500
-FRAMES, LONGER_S = 3, 0.3  # of the log that is mutated, and how much longer its other tables are
-PICTURE_PX = 64, 64
-SCENARIO = """name: fuzzed
-why: A pit.
-pipe:
-  standard: {material: PE, series: SDR 11, nominal_size_in: 6}
-  features: [{kind: pit, distance_mm: 250, clock_deg: "5:00", diameter_mm: 20, depth_mm: 4, shape: conical}]
-drive: {kind: gantry, stages: [{to_mm: 400}]}
-"""
-SPOOL = """name: fuzzed
-inner_radius_mm: 76.2
-inner_radius_u95_mm: 0.01
-wall_thickness_mm: 7.5
-axis_deg: [1.5, 2.0]
-defects:
-  - {name: A, distance_mm: 50, clock_deg: "3:00", length_mm: 40, length_u95_mm: 0.05, width_mm: 30,
-     width_u95_mm: 0.05, depth_mm: 3, depth_u95_mm: 0.02}
-"""
-Rng = np.random.Generator
-SIZE = dict(zip(("height_px", "width_px"), PICTURE_PX, strict=True))
-RIG = load_scenario("paper-robot").rig
-SMALL_RIG = RIG.model_copy(update={"camera": RIG.camera.model_copy(update=SIZE)})
-INTERESTING = (
-    b"\x00",
-    b"\xff" * 8,
-    b"-1",
-    b"1e999",
-    b"nan",
-    b"\n",
-    b",",
-    b"9" * 30,
-    b"\x89PNG",
-    b"#",
-    b"../",
-    b"*a",
-    b"&a",
-    b"!!python",
-)
+ROOT = Path(__file__).resolve().parents[1]
+LONGEST_S, MOST_MB = 2.0, 400  # of processor time and of memory, by one case
+MUTATIONS: dict[str, Mutation] = {
+    **dict.fromkeys((".csv", ".tum", ".asc", ".txt"), table),
+    **dict.fromkeys((".yaml", ".json"), nested),
+    ".png": png,
+    ".npy": npy,
+    ".npz": npz,
+    ".ply": ply,
+    ".mcap": mcap,
+    ".db3": sqlite(cdr),
+    ".sqlite": sqlite(lambda cell, rng: nested(cell, rng) if cell[:1] in b"[{" else raw(cell, rng)),
+}
+RAW_SHARE, ODD_SHARE = 0.1, 0.02  # of cases: bytes changed without regard to the kind; a file gone, linked or a folder
+BAD = ("TRACEBACK", "HANGS", "SLOW", "FLOOD", "refused without a word")
+PLACES = re.compile(r"/\S*|'[^']*'|\d+|\[.*?\]")
 
 
-def mutated(data: bytes, rng: Rng) -> bytes:
-    """Some bytes changed, cut out, doubled, swapped or replaced by what often breaks a reader."""
-    out = bytearray(data)
-    for _ in range(int(rng.integers(1, 6))):
-        at = int(rng.integers(0, max(len(out), 1)))
-        length = int(min(rng.geometric(0.05), len(out) - at)) if out else 0
-        match int(rng.integers(0, 6)):
-            case 0 if out:
-                out[at] ^= 1 << int(rng.integers(0, 8))
-            case 1:
-                del out[at : at + length]
-            case 2:
-                out[at:at] = out[at : at + length]
-            case 3:
-                out[at : at + length] = bytes(rng.integers(0, 256, length, dtype=np.uint8))
-            case 4:
-                out[at:at] = INTERESTING[int(rng.integers(0, len(INTERESTING)))]
-            case 5:
-                del out[at:]
-    return bytes(out)
+class Late(BaseException):
+    """A case took too long; no reader's own handling of errors may keep it."""
 
 
-def mutate(log: Path, rng: Rng) -> None:
-    """Mutate one of a log's files, the small ones as often as the large."""
-    files = sorted(file for file in ([log] if log.is_file() else log.rglob("*")) if file.is_file())
-    file = files[int(rng.integers(0, len(files)))]
-    data = mutated(file.read_bytes(), rng)
-    file.unlink()  # the sound log's own is linked here
-    file.write_bytes(summed(data) if rng.random() < 0.5 else data)
+class Outcomes(NamedTuple):
+    """How often each thing became of a kind's cases, and how often each thing was said."""
+
+    what: Counter[str]
+    said: Counter[str]
+    bad: Counter[str]
 
 
-def summed(data: bytes) -> bytes:
-    """A PNG's checksums made right again, so that what was changed is looked at; anything else as it is."""
-    if not data.startswith(b"\x89PNG"):
-        return data
-    out, at = data[:8], 8
-    while at + 12 <= len(data):
-        size = int.from_bytes(data[at : at + 4], "big")
-        body = data[at + 4 : at + 8 + size]
-        out += data[at : at + 4] + body + struct.pack(">I", zlib.crc32(body))
-        at += 12 + size
-    return out
-
-
-def by_reader(log: Path, work: Path) -> None:
-    """The log as a recording, and every frame of it."""
-    recording, _ = read_log(log, Told(), work, lambda *_: None)
-    for index in range(len(recording)):
-        recording[index]
-
-
-def by_live(log: Path, _: Path) -> None:
-    """The log as it is followed."""
-    live = open_live(log)
-    if live is None:
-        raise BadInput(["nothing to follow"])
-    while read_more(live):
-        pass
-    while next_due(live, at_end=True) is not None:
-        pass
-
-
-def by_picture(file: Path, _: Path) -> None:
-    """A frame's picture, of a small camera."""
-    read_frame(file, SMALL_RIG)
-
-
-def short(recording: Path, target: Path) -> Path:
-    """The first frames of a log, and little more of its other tables."""
-    shutil.copytree(recording, target)
-    opened = open_recording(recording)
-    last_ns = int(opened.frame_stamps_ns[FRAMES - 1] + LONGER_S * 1e9)
-    for file in opened.frame_files[FRAMES:]:
-        (target / file).unlink()
-    write_frame_list(target, opened.frame_stamps_ns[:FRAMES], Path(opened.frame_files[0]).suffix)
-    for name in ("imu0", "orientation0", "encoders0"):
-        table = target / name / "data.csv"
-        header, *lines = table.read_text().splitlines()
-        kept = [line for line in lines if int(line.split(",")[0]) <= last_ns]
-        table.write_text("\n".join([header, *kept]) + "\n")
+def mutate(sound: Path, case: Path, rng: Rng) -> Path:
+    """Change one of a case's files, the small ones as often as the large; returns which."""
+    files = [sound] if sound.is_file() else sorted(file for file in sound.rglob("*") if file.is_file())
+    source = pick(files, rng)
+    target = case / source.relative_to(sound) if sound.is_dir() else case
+    target.unlink()  # the sound one is linked here
+    if sound.is_dir() and rng.random() < ODD_SHARE:
+        odd(target, rng)
+        return target
+    change = raw if rng.random() < RAW_SHARE else MUTATIONS.get(source.suffix, raw)
+    target.write_bytes(change(source.read_bytes(), rng))
     return target
 
 
-def sound_logs(
-    recording: Path, video: Path | None, folder: Path
-) -> dict[str, tuple[Path, Callable[[Path, Path], object]]]:
-    """One of each kind."""
-    recording = short(recording, folder / "short")
-    logs = {"recording": (recording, by_reader), "live": (recording, by_live), **sound_files(folder)}
-    for to in ("mcap", "rosbag2"):
-        logs[to] = (export(recording, to, folder / f"log.{to}")[0], by_reader)
-    if video is not None:
-        logs["video"] = (export(video, "video", folder / "video")[0], by_reader)
-    return logs
+def odd(file: Path, rng: Rng) -> None:
+    """Something in a file's place that is none, or nothing."""
+    makers = (
+        Path.mkdir,
+        os.mkfifo,
+        lambda _: None,
+        lambda path: path.symlink_to(path),
+        lambda path: path.symlink_to("/"),
+    )
+    pick(makers, rng)(file)
 
 
-def sound_files(folder: Path) -> dict[str, tuple[Path, Callable[[Path, Path], object]]]:
-    """A picture, a scan in either form, a scenario and a spool."""
-    import cv2
-
-    rng = np.random.default_rng(0)
-    picture = folder / "picture.png"
-    cv2.imwrite(str(picture), rng.integers(0, 256, (*PICTURE_PX, 3), dtype=np.uint8))
-    theta, z = np.arange(0.5, 360) * np.pi / 180, np.arange(0.5, 20)
-    radius = 76 + 0.1 * rng.random((theta.size, z.size))
-    np.savez(folder / "scan.npz", theta_rad=theta, z_mm=z, radius_mm=radius)
-    t, along = np.meshgrid(theta, z, indexing="ij")
-    rows = np.stack([radius * np.sin(t), -radius * np.cos(t), along], axis=-1).reshape(-1, 3)
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
-    head += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
-    (folder / "scan.ply").write_bytes(head.encode() + rows.astype("<f4").tobytes())
-    (folder / "scenario.yaml").write_text(SCENARIO)
-    (folder / "spool.yaml").write_text(SPOOL)
-    return {
-        "picture": (picture, by_picture),
-        "scan.npz": (folder / "scan.npz", lambda file, _: read_scan(file, file.name)),
-        "scan.ply": (folder / "scan.ply", lambda file, _: read_scan(file, file.name)),
-        "scenario": (folder / "scenario.yaml", lambda file, _: load_scenario(str(file))),
-        "spool": (folder / "spool.yaml", lambda file, _: read_spool(file)),
-    }
-
-
-def one_case(log: Path, read: Callable[[Path, Path], object], folder: Path, rng: Rng) -> str:
-    """Read one mutated log; what became of it."""
-    target = folder / f"case{log.suffix}"
-    os.link(log, target) if log.is_file() else shutil.copytree(log, target, copy_function=os.link)
-    mutate(target, rng)
-    signal.setitimer(signal.ITIMER_REAL, 5 * LONGEST_S)
-    began = time.process_time()
+def one_case(kind: Kind, case: Path) -> tuple[str, str]:
+    """Read one mutated file or folder; what became of it, and in which words."""
+    signal.setitimer(signal.ITIMER_REAL, 10 * LONGEST_S)
+    began, held_kb = time.process_time(), most_kb()
     try:
-        read(target, folder / "work")
-        what = "read"
+        kind.read(case)
+        what, words = "read", ""
     except (BadInput, BadRecording) as error:
-        what = "refused" if str(error).strip() else "refused without a word"
-    except TimeoutError:
-        what = "HANGS"
-    except Exception:
-        traceback.print_exc()
-        what = "TRACEBACK"
+        words = PLACES.sub("#", (str(error).strip().splitlines() or [""])[0])[:80]
+        what = "refused" if words else "refused without a word"
+    except (Exception, Late) as error:
+        what, words = {MemoryError: "FLOOD", Late: "HANGS"}.get(type(error), "TRACEBACK"), what_raised(error)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-    return "SLOW" if time.process_time() - began > LONGEST_S else what
+    if most_kb() - held_kb > MOST_MB * 1024:
+        what = "FLOOD"
+    return ("SLOW" if time.process_time() - began > LONGEST_S else what), words
 
 
-def fuzz(recording: Path, video: Path | None, cases: int, seed: int, only: str = "") -> dict[str, Counter[str]]:
-    """So many cases of every kind of file, or of those whose name holds a text."""
+def what_raised(error: BaseException) -> str:
+    """Its kind, its words, and the last line of ours that it passed."""
+    ours = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.startswith(str(ROOT))]
+    ours = ours[:-1] if isinstance(error, Late) else ours  # the last is the alarm
+    return f"{type(error).__name__} at {Path(ours[-1].filename).relative_to(ROOT)}:{ours[-1].lineno}: {str(error)[:80]}"
+
+
+def most_kb() -> int:
+    """The most memory that this process has held."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def lay_out(sound: Path, case: Path) -> None:
+    """The sound files in a case's place, linked."""
+    os.link(sound, case) if sound.is_file() else shutil.copytree(sound, case, copy_function=os.link)
+
+
+def fuzz_kind(name: str, kind: Kind, cases: range, seed: int, folder: Path, bad: Path) -> Outcomes:
+    """So many cases of one kind; what ends badly is kept, with the numbers that make it again."""
+    found = Outcomes(Counter(), Counter(), Counter())
+    work = folder / f"case {name}"
+    work.mkdir()
+    case = work / kind.sound.name
+    lay_out(kind.sound, case)
+    kind.read(case)  # or nothing would be said of those that are not sound
+    for number in cases:
+        if number % 50 == 0:  # readers write beside what they read
+            shutil.rmtree(work)
+            work.mkdir()
+            lay_out(kind.sound, case)
+        changed = mutate(kind.sound, case, np.random.default_rng([seed, number, zlib.crc32(name.encode())]))
+        what, words = one_case(kind, case)
+        if what == "SLOW":  # the first may have had something to compile
+            what, words = one_case(kind, case)
+        found.what[what] += 1
+        found.said[words] += what == "refused"
+        found.bad[words] += what in BAD
+        if what in BAD and found.bad[words] == 1:  # of those alike, the first
+            kept = bad / f"{name.replace(' ', '-')}-seed{seed}-case{number}" / case.name
+            shutil.rmtree(kept.parent, ignore_errors=True)
+            kept.parent.mkdir(parents=True)
+            shutil.copytree(case, kept, symlinks=True, ignore=pipes) if case.is_dir() else shutil.copyfile(case, kept)
+            print(f"{what}: --only '{name}' --seed {seed} --first {number}: {words}; kept as {kept}", flush=True)
+        restore(kind.sound, case, changed)
+    return found
+
+
+def pipes(folder: str, names: list[str]) -> list[str]:
+    """What cannot be copied."""
+    return [name for name in names if (Path(folder) / name).is_fifo()]
+
+
+def restore(sound: Path, case: Path, changed: Path) -> None:
+    """The sound file put back."""
+    if changed.is_dir() and not changed.is_symlink():
+        shutil.rmtree(changed)
+    changed.unlink(missing_ok=True)
+    os.link(sound / changed.relative_to(case) if sound.is_dir() else sound, changed)
+
+
+def fuzz(
+    recording: Path, cases: int, seed: int, only: str = "", first: int = 0, bad: Path = Path("fuzz-bad")
+) -> dict[str, Outcomes]:
+    """So many cases of every kind, as its weight says, or of those whose name holds a text."""
 
     def late(*_: object) -> None:
-        raise TimeoutError
+        raise Late
 
     signal.signal(signal.SIGALRM, late)
-    tally: dict[str, Counter[str]] = {}
+    tally: dict[str, Outcomes] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for name, (log, read) in sound_logs(recording, video, Path(folder)).items():
+        for name, kind in every_kind(recording, Path(folder)).items():
             if only not in name:
                 continue
-            read(log, Path(folder) / f"sound {name}")  # or nothing would be said of those that are not
-            tally[name], began = Counter(), time.process_time()
-            for case in range(cases):
-                with tempfile.TemporaryDirectory(dir=folder) as own:
-                    what = one_case(log, read, Path(own), np.random.default_rng([seed, case, len(name)]))
-                tally[name][what] += 1
-                if what not in ("read", "refused"):
-                    print(f"{what}: {name}, seed {seed}, case {case}", flush=True)
-            each_ms = 1e3 * (time.process_time() - began) / cases
-            counts = ", ".join(f"{what} {n}" for what, n in sorted(tally[name].items()))
-            print(f"{name:<10} {counts}; {each_ms:.1f} ms each", flush=True)
+            began, count = time.process_time(), max(1, round(kind.weight * cases))
+            tally[name] = fuzz_kind(name, kind, range(first, first + count), seed, Path(folder), bad)
+            each_ms = 1e3 * (time.process_time() - began) / count
+            print(f"{line(name, tally[name], each_ms)}; at most {most_kb() / 1024:.0f} MB", flush=True)
     return tally
 
 
+def line(name: str, found: Outcomes, each_ms: float) -> str:
+    """A kind's row: how deep its cases went is seen from what was read, and how many different things were said."""
+    cases, read = found.what.total(), found.what["read"]
+    common = max(found.said.values()) / cases
+    ends = ", ".join(f"{what} {n}" for what, n in sorted(found.what.items()) if what in BAD) or "all well"
+    depth = f"{100 * read / cases:5.1f} % read, {len(+found.said):4d} refusals, the commonest {100 * common:5.1f} %"
+    return f"{name:<14} {cases:6d} cases, {depth}, {each_ms:5.1f} ms each; {ends}"
+
+
 def main() -> None:
-    """Every kind of log; a bad end is an exit status."""
+    """Every kind; a bad end is an exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recording", type=Path, help="a recording of slit pixels")
-    parser.add_argument("--video", type=Path, help="a short recording of pictures")
-    parser.add_argument("--cases", type=int, default=10_000, help="of every kind")
+    parser.add_argument("--cases", type=int, default=3000, help="of a kind, times its weight")
     parser.add_argument("--seed", type=int, default=0, help="another gives other cases")
+    parser.add_argument("--first", type=int, default=0, help="the first case's number")
     parser.add_argument("--only", default="", help="kinds that hold this text")
+    parser.add_argument("--bad", type=Path, default=Path("fuzz-bad"), help="where cases that end badly are kept")
     given = parser.parse_args()
     open_recording(given.recording)
-    tally = fuzz(given.recording, given.video, given.cases, given.seed, given.only)
-    memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"{sum(counts.total() for counts in tally.values())} cases, at most {memory_mb:.0f} MB")
-    bad = sum(n for counts in tally.values() for what, n in counts.items() if what not in ("read", "refused"))
-    sys.exit(bool(bad) or memory_mb > MOST_MB)
+    tally = fuzz(given.recording, given.cases, given.seed, given.only, given.first, given.bad)
+    total, bad = (
+        sum(counts.what[w] for counts in tally.values() for w in counts.what if w in BAD or all_) for all_ in (1, 0)
+    )
+    print(f"{total} cases of {len(tally)} kinds, {bad} ended badly; at most {most_kb() / 1024:.0f} MB")
+    sys.exit(bool(bad))
 
 
 if __name__ == "__main__":

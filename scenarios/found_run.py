@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import isfinite, prod
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 import numpy as np
@@ -77,7 +77,7 @@ def read_found(folder: Path) -> FoundRun:
     made = folder / MADE
     if not made.is_dir():
         raise BadInput([f"{folder}: reconstruction/ is missing; `pipetwin run` makes such a folder"])
-    wall, deviation = _read_map(made / "wall_map.npz")
+    wall, deviation = read_map(made / "wall_map.npz")
     time_s, T = _read_tum(made / "trajectory.tum")
     episodes = made / "episodes.csv"
     return FoundRun(
@@ -131,7 +131,12 @@ def nominal_pipe_of(folder: Path) -> NominalPipe | None:
         raise BadInput([f"{file}: {error}"]) from error
 
 
-def _read_map(file: Path) -> tuple[WallMap, np.ndarray]:
+def read_map(file: Path) -> tuple[WallMap, Float[np.ndarray, "around along"]]:
+    """A run's `wall_map.npz`: the wall, and its deviation from the local bore.
+
+    Raises:
+        BadInput: naming file, array and what is expected.
+    """
     held = read_arrays(file, MAP_ARRAYS, LARGEST_MAP_BYTES)
     theta, z = (held[name].astype(float) for name in ("theta_rad", "z_mm"))
     grid = (theta.size, z.size)
@@ -156,21 +161,37 @@ def read_arrays(file: Path, names: tuple[str, ...], most_bytes: int) -> dict[str
         BadInput: for a file that is not there, too large, none of numbers, or lacks a name.
     """
     try:
+        if not S_ISREG(file.stat().st_mode):
+            raise BadInput([f"{file}: is no plain file"])
         with zipfile.ZipFile(file) as parts:
             unpacked = sum(part.file_size for part in parts.infolist())
-        if unpacked > most_bytes:
-            raise BadInput([f"{file}: unpacks to {unpacked} bytes; at most {most_bytes}"])
-        with np.load(file, allow_pickle=False) as held:
-            missing = [name for name in names if name not in held]
+            if unpacked > most_bytes:
+                raise BadInput([f"{file}: unpacks to {unpacked} bytes; at most {most_bytes}"])
+            missing = [name for name in names if f"{name}.npy" not in parts.namelist()]
             if missing:
                 raise BadInput([f"{file}: {', '.join(missing)} missing; {', '.join(names)} are expected"])
-            arrays = {name: held[name] for name in names}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            return {name: _array(file, parts, name) for name in names}
+    except BadInput:
+        raise
+    except Exception as error:  # zipfile and numpy's reader of headers raise whatever they trip over
         raise BadInput([f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}"]) from error
-    for name, values in arrays.items():
-        if values.dtype.kind not in "fiu":
-            raise BadInput([f"{file}: {name}: got {values.dtype}; numbers are expected"])
-    return arrays
+
+
+def _array(file: Path, parts: zipfile.ZipFile, name: str) -> np.ndarray:
+    """One array, once its header promises numbers, and as many as there are."""
+    part = parts.getinfo(f"{name}.npy")
+    with parts.open(part) as packed:
+        if np.lib.format.read_magic(packed) != (1, 0):
+            raise BadInput([f"{file}: {name}: version 1.0 of numpy's format is expected"])
+        shape, _, dtype = np.lib.format.read_array_header_1_0(packed)
+        held = part.file_size - packed.tell()
+    if dtype.kind not in "fiu":
+        raise BadInput([f"{file}: {name}: got {dtype}; numbers are expected"])
+    if min(shape, default=0) < 0 or prod(shape) * dtype.itemsize != held:
+        raise BadInput([f"{file}: {name}: shape {shape} of {dtype} is promised, {held} bytes are held"])
+    with parts.open(part) as packed:
+        array: np.ndarray = np.lib.format.read_array(packed, allow_pickle=False)
+        return array
 
 
 def _read_tum(file: Path) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 4 4"]]:
@@ -196,6 +217,8 @@ def _read_tum(file: Path) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 
 
 def _lines(file: Path) -> Iterator[tuple[int, str]]:
     try:
+        if not S_ISREG(file.stat().st_mode):  # a pipe would be waited for
+            raise BadInput([f"{file}: is no plain file"])
         if file.stat().st_size > LARGEST_TABLE_BYTES:
             raise BadInput([f"{file}: is larger than {LARGEST_TABLE_BYTES / 1e6:g} MB"])
         with file.open(encoding="utf-8", newline="") as text:

@@ -19,6 +19,7 @@ from algorithms.types import Reconstruction
 from scenarios.artefacts import write_reconstruction
 from scenarios.document import BadInput
 from scenarios.extrapolated import extrapolated
+from scenarios.found_truth import read_truth
 from scenarios.load import load_scenario
 from scenarios.provenance import versions
 from scenarios.run_folder import run_folder
@@ -30,7 +31,7 @@ from sensor_model.sense import sense
 from sensor_model.streams import stream
 from sensor_model.workers import spread
 from twin.simulate import DriveFailed, simulate
-from twin.truth import Truth, load_truth, save_truth
+from twin.truth import Truth, save_truth
 
 Report = Callable[[str, int, int], None]
 SAMPLES = 3
@@ -173,10 +174,7 @@ def scenario_and_truth(folder: Path) -> tuple[Scenario, Truth]:
         if not (folder / part).is_file():
             raise BadInput([f"{folder}: {part} is missing; `pipetwin run` makes such a folder"])
     scenario = load_scenario(str(folder / "scenario.yaml"), [], None)
-    try:
-        return scenario, load_truth(folder / "truth")
-    except (ValueError, KeyError, OSError) as error:
-        raise BadInput([f"{folder / 'truth'}: {error}"]) from error
+    return scenario, read_truth(folder / "truth")
 
 
 def true_poses(truth: Truth, recording: Recording) -> np.ndarray:

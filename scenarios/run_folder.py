@@ -72,8 +72,10 @@ def _check_replaceable(target: Path) -> None:
 def _is_run(folder: Path) -> bool:
     """Whether a folder holds a run and nothing else."""
     try:
+        if not (folder / MARK).is_file():  # a pipe would be waited for
+            return False
         said = json.loads((folder / MARK).read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(said, dict) and "pipetwin" in said and {path.name for path in folder.iterdir()} <= PARTS
 

@@ -11,7 +11,6 @@ from functools import cached_property
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
-from tokenize import TokenError
 from typing import Annotated
 
 import numpy as np
@@ -19,16 +18,17 @@ from jaxtyping import Float, Int, UInt8
 from pydantic import Field, field_validator
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_model.rig import AnySettings, Rig, load_settings, save_settings
+from sensor_model.rig import QUATERNION_TOLERANCE, AnySettings, Rig, load_settings, save_settings
 from sensor_model.settings import Settings
 
 MAX_FILE_BYTES = 64 * 2**20
 MAX_LOG_BYTES = 2**30
 STAMP_DIGITS, LATEST_NS = 19, 2**63 - 1  # a present-day stamp has 19 digits
-QUATERNION_TOLERANCE = 0.05
 SLIT_PIXELS_SUFFIX = ".npy"
 SLIT_PIXEL = np.dtype([("pixel", "<f8", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")])
 LARGEST_COUNT = 2**53  # beyond it a double does not hold every whole number
+FURTHEST_PX, SMALLEST_SIGMA_PX = 1e6, 1e-9  # beyond them squares lose all meaning
+FURTHEST_MM = 1e9  # along a pipe
 LATE_S = 0.2  # how far a frame may lie outside the other sensors' logs
 COLUMNS = {
     "imu0": "w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
@@ -44,13 +44,15 @@ class BadRecording(ValueError):
 class NominalPipe(Settings):
     """What the operator knows of the pipe before the scan, from its standard and the job's papers."""
 
-    inner_radius_mm: Annotated[float, Field(gt=5)]
-    wall_thickness_mm: Annotated[float, Field(gt=0)]
-    launch_mm: float = 0.0
+    inner_radius_mm: Annotated[float, Field(gt=5, le=10_000)]
+    wall_thickness_mm: Annotated[float, Field(gt=0, le=10_000)]
+    launch_mm: Annotated[float, Field(ge=-FURTHEST_MM, le=FURTHEST_MM)] = 0.0
     """Where along the pipe the camera stands as the log begins."""
     wall_tolerance_pct: Annotated[float, Field(ge=0, le=100)] = 12.0
     """By how much the wall may be thicker than that: a standard states the least one (ASTM D1785 and D2513: 12 %)."""
-    joints_mm: tuple[float, ...] = Field(default=(), max_length=10_000)
+    joints_mm: tuple[Annotated[float, Field(ge=-FURTHEST_MM, le=FURTHEST_MM)], ...] = Field(
+        default=(), max_length=10_000
+    )
     """Where along the pipe its joints are by the as-built papers, in order; `featured` ties the distance to them."""
     joints_std_mm: Annotated[float, Field(gt=0)] = 1.0
     """How exact those papers are."""
@@ -207,8 +209,11 @@ def _read_slit_pixels(file: Path, slits: int) -> SlitPixels:
     """Slit pixels of one frame, checked before anything compiled, which looks at no bounds, reads them."""
     rows = _read_rows(file)
     pixel, slit, sigma = (np.ascontiguousarray(rows[name]) for name in ("pixel", "slit", "sigma_px"))
-    if not (np.isfinite(pixel).all() and np.isfinite(sigma).all() and (sigma > 0).all()):
-        raise BadRecording(f"{file}: pixels and sigma_px must be finite, sigma_px positive")
+    if not (
+        (np.abs(pixel) <= FURTHEST_PX).all() and (sigma <= FURTHEST_PX).all() and (sigma >= SMALLEST_SIGMA_PX).all()
+    ):
+        allowed = f"finite, at most {FURTHEST_PX:g}, sigma_px positive, at least {SMALLEST_SIGMA_PX:g}"
+        raise BadRecording(f"{file}: pixels and sigma_px must be {allowed}")
     if slit.size and not 0 <= slit.min() <= slit.max() < slits:
         raise BadRecording(f"{file}: slits from {slit.min()} to {slit.max()}; the rig has 0 to {slits - 1}")
     return SlitPixels(pixel, slit, sigma)
@@ -233,7 +238,7 @@ def _read_header(file: Path, data: bytes) -> tuple[int, int]:
         if np.lib.format.read_magic(text) != (1, 0):
             raise ValueError("version 1.0 of the format is expected")
         shape, _, dtype = np.lib.format.read_array_header_1_0(text)
-    except (ValueError, SyntaxError, TokenError, TypeError) as error:  # the header is read as Python's literals are
+    except Exception as error:  # the header is read as Python's literals are, which raise whatever they trip over
         raise BadRecording(f"{file}: not a frame of slit pixels: {error}") from error
     if dtype != SLIT_PIXEL or len(shape) != 1:
         raise BadRecording(f"{file}: shape {shape} of {dtype}; (n,) of {SLIT_PIXEL} is expected")

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from functools import cache, cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
+from math import hypot
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from sensor_model.geometry import cone_frame, rotation_from_wxyz, transform
 from sensor_model.settings import Settings
 
 Color = Literal["R", "Y", "B"]
-Vector3 = tuple[float, float, float]
+Within = Annotated[float, Field(ge=-1e4, le=1e4)]  # beyond it squares and products lose all meaning
+Vector3 = tuple[Within, Within, Within]
 AnySettings = TypeVar("AnySettings", bound=Settings)
-MAX_SETTINGS_BYTES = 2**20
+MAX_SETTINGS_BYTES, DEEPEST_SETTINGS = 2**20, 32
+QUATERNION_TOLERANCE = 0.05
 RIGS = Path(__file__).parent / "rigs"
 
 
@@ -26,15 +29,15 @@ class Camera(Settings):
 
     width_px: Annotated[int, Field(ge=64, le=8192)]
     height_px: Annotated[int, Field(ge=64, le=8192)]
-    fx_px: Annotated[float, Field(gt=0)]
-    fy_px: Annotated[float, Field(gt=0)]
-    skew_px: float
-    cx_px: float
-    cy_px: float
-    k1: float
-    k2: float
-    k3: float
-    k4: float
+    fx_px: Annotated[float, Field(gt=0, le=1e5)]
+    fy_px: Annotated[float, Field(gt=0, le=1e5)]
+    skew_px: Within
+    cx_px: Within
+    cy_px: Within
+    k1: Within
+    k2: Within
+    k3: Within
+    k4: Within
 
     @cached_property
     def intrinsics(self) -> Float[np.ndarray, "9"]:
@@ -74,8 +77,8 @@ class Projector(Settings):
 
     @model_validator(mode="after")
     def _in_order(self) -> Projector:
-        if not any(self.axis):
-            raise ValueError("axis must have a length")
+        if not self.axis[2] > 0:
+            raise ValueError(f"axis must point ahead, its z above 0; got {self.axis[2]:g}")
         angles = [self.inner_half_angle_deg, *(s.half_angle_deg for s in self.slits), self.outer_half_angle_deg]
         if any(b - a <= self.slit_width_deg for a, b in pairwise(angles)):
             raise ValueError(
@@ -130,6 +133,13 @@ class ImuMount(Settings):
     position_camera_mm: Vector3
     q_camera_imu_wxyz: tuple[float, float, float, float]
 
+    @field_validator("q_camera_imu_wxyz")
+    @classmethod
+    def _of_length_1(cls, q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        if abs(hypot(*q) - 1) > QUATERNION_TOLERANCE:
+            raise ValueError(f"a quaternion of length {hypot(*q):.3g}; 1 is expected")
+        return q
+
     @cached_property
     def R_camera_imu(self) -> Float[np.ndarray, "3 3"]:
         """R_cal of section 3.2.1: carries IMU coordinates to the camera's."""
@@ -139,8 +149,8 @@ class ImuMount(Settings):
 class Wheels(Settings):
     """The encoder wheels: what Eq. 25 needs of them."""
 
-    diameters_mm: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1, max_length=16)]
-    counts_per_turn: Annotated[int, Field(gt=0)]  # 7 PPR x 4 x 603 (section 3.3)
+    diameters_mm: Annotated[tuple[Annotated[float, Field(gt=0, le=1e4)], ...], Field(min_length=1, max_length=16)]
+    counts_per_turn: Annotated[int, Field(gt=0, le=10**9)]  # 7 PPR x 4 x 603 (section 3.3)
 
 
 class Rig(Settings):
@@ -173,7 +183,13 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
 
     if path.stat().st_size > MAX_SETTINGS_BYTES:
         raise ValueError(f"{path.stat().st_size} bytes; at most {MAX_SETTINGS_BYTES}")
+    if not path.is_file():  # a pipe would be waited for
+        raise ValueError("is no plain file")
     yaml, text = YAML(typ="safe", pure=True), path.read_text()
+    # the parser's time grows with the square of the depth of brackets
+    steps = (1 if mark in "[{" else -1 for mark in text if mark in "[]{}")
+    if max(accumulate(steps), default=0) > DEEPEST_SETTINGS:
+        raise ValueError(f"brackets nested more than {DEEPEST_SETTINGS} deep; no setting lies so deep")
     try:
         # an alias has no use in settings, and a few lines of them unfold without bounds
         if "*" in text and any(isinstance(event, AliasEvent) for event in yaml.parse(text)):
@@ -181,6 +197,8 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
         return kind.model_validate(yaml.load(text))
     except YAMLError as error:
         raise ValueError(f"not YAML: {error}") from error
+    except RecursionError as error:
+        raise ValueError("nested too deeply; no setting lies so deep") from error
 
 
 def rigs() -> dict[str, Path]:

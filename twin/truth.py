@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -96,27 +95,6 @@ def save_truth(truth: Truth, folder: Path) -> None:
         wheels = {field.name: getattr(truth.wheels, field.name) for field in fields(WheelLog)}
         np.savez_compressed(folder / "wheels.npz", **wheels)
     (folder / "pipe.json").write_text(truth.pipe.model_dump_json(indent=1))
-
-
-def load_truth(folder: Path) -> Truth:
-    """Read what `save_truth` wrote.
-
-    Raises:
-        OSError: for a file that cannot be opened.
-        ValueError: for files that hold something else.
-    """
-    pipe = Pipe.model_validate_json((folder / "pipe.json").read_text())
-    wheels = folder / "wheels.npz"
-    log = WheelLog(**_arrays(wheels, [field.name for field in fields(WheelLog)])) if wheels.is_file() else None
-    return Truth(pipe=pipe, wheels=log, **_arrays(folder / "truth.npz", ARRAYS))
-
-
-def _arrays(file: Path, names: list[str]) -> dict[str, Any]:
-    with np.load(file, allow_pickle=False) as held:
-        missing = [name for name in names if name not in held]
-        if missing:
-            raise ValueError(f"{file}: {', '.join(missing)} missing")
-        return {name: held[name] for name in names}
 
 
 def from_path(

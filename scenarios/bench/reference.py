@@ -47,6 +47,8 @@ def fit_references(folder: Path) -> list[Row]:
 
 
 def _numbers(file: Path, columns: int) -> np.ndarray:
+    if not file.is_file():
+        raise ValueError(f"{file.name}: no such file, or no plain one")
     rows = [line.split() for line in file.read_text().splitlines() if line.strip()]
     if not rows or any(len(row) != columns for row in rows):
         raise ValueError(f"{file.name}: lines of {columns} numbers are expected")

@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from scenarios.document import BadInput
+from scenarios.document import BadInput, read_file
 from scenarios.field.raw_messages import (
     LARGEST_MESSAGE_BYTES,
     Raw,
@@ -17,7 +17,6 @@ from scenarios.field.raw_messages import (
     unpacked,
     zstd_unpacker,
 )
-from sensor_model.rig import MAX_SETTINGS_BYTES
 
 METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
@@ -80,17 +79,15 @@ def _plain(file: Path, raw: Raw) -> Raw:
 
 def _told(file: Path) -> tuple[list[str], str]:
     """Names of the files, and how they are packed."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    if file.stat().st_size > MAX_SETTINGS_BYTES:
-        raise BadInput([f"{file}: {file.stat().st_size} bytes; at most {MAX_SETTINGS_BYTES}"])
-    try:
-        about = YAML(typ="safe", pure=True).load(file.read_text())["rosbag2_bagfile_information"]
-        names = [str(name) for name in about["relative_file_paths"]]
-        mode, form = (str(about.get(f"compression_{what}") or "") for what in ("mode", "format"))
-    except (YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise BadInput([f"{file}: got no bag's metadata: {str(error).splitlines()[0]}"]) from error
+    document = read_file(file, kind="bag's metadata")
+    if document.faults:
+        raise BadInput(document.faults)
+    about = document.data.get("rosbag2_bagfile_information") if isinstance(document.data, dict) else None
+    given = about.get("relative_file_paths") if isinstance(about, dict) else None
+    if not (isinstance(about, dict) and isinstance(given, list)):
+        raise BadInput([f"{file}: got no bag's metadata: rosbag2_bagfile_information.relative_file_paths is expected"])
+    names = [str(name) for name in given]
+    mode, form = (str(about.get(f"compression_{what}") or "") for what in ("mode", "format"))
     if mode.upper() not in MODES:
         raise BadInput([f"{file}: compression_mode: got {mode[:40]!r}; one of {', '.join(MODES[1:])} is expected"])
     if mode.upper() in MODES[3:] and form != "zstd":

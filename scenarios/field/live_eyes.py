@@ -134,6 +134,6 @@ def _kept(eyes: Eyes, due: Due) -> Look | None:
         said = json.loads(facts.read_text())
         level, full, black = (float("nan") if value is None else float(value) for value in said["exposure"])
         digest, fault = bytes.fromhex(said["digest"]), str(said["fault"])
-    except (BadRecording, OSError, ValueError, KeyError, TypeError):
+    except (BadRecording, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None  # it is looked at again
     return Look(seen, digest, level, full, black, fault) if isinstance(seen, SlitPixels) else None

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from stat import S_ISREG
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from sensor_model.recording import (
     Recording,
     refuse_link,
 )
-from sensor_model.rig import Rig, load_settings
+from sensor_model.rig import QUATERNION_TOLERANCE, Rig, load_settings
 
 END = "# end"
 LONGEST_LINE = 4096
@@ -45,11 +46,14 @@ class Tail:
             BadRecording: naming file and line.
         """
         try:
-            if os.lstat(self.path).st_size <= self.offset:
-                return
+            stat = os.lstat(self.path)
         except FileNotFoundError:
             return
         refuse_link(self.path)
+        if not S_ISREG(stat.st_mode):
+            raise BadRecording(f"{self.path}: is no plain file")
+        if stat.st_size <= self.offset:
+            return
         with self.path.open("rb") as file:
             file.seek(self.offset)
             data = file.read(READ_BYTES)
@@ -78,11 +82,12 @@ class Tail:
 
 @dataclass
 class Series:
-    """The latest of a table: stamps and numbers (`whole`: counts), from one row before what is still needed."""
+    """The latest of a table: numbers (`whole`: counts, `unit`: quaternions) from one row before what is needed."""
 
     tail: Tail
     columns: int
     whole: bool = False
+    unit: bool = False
     stamps_ns: list[int] = field(default_factory=list)
     values: list[list[float]] = field(default_factory=list)
 
@@ -103,6 +108,8 @@ class Series:
                 raise BadRecording(f"{where}: {row}; {self.columns} finite numbers are expected")
             if self.whole and any(value != round(value) or abs(value) > LARGEST_COUNT for value in values):
                 raise BadRecording(f"{where}: {row}; whole counts up to {LARGEST_COUNT} are expected")
+            if self.unit and abs(np.linalg.norm(values) - 1) > QUATERNION_TOLERANCE:
+                raise BadRecording(f"{where}: a quaternion of length {np.linalg.norm(values):.3g}; 1 is expected")
             self.stamps_ns.append(stamp)
             self.values.append(values)
         return self.tail.line > before
@@ -163,7 +170,7 @@ def open_live(folder: Path) -> LiveLog | None:
         raise BadRecording(f"{folder}: {error}") from error
     wheels = len(rig.wheels.diameters_mm)
     imu, orientation, encoders = (
-        Series(Tail(folder / name / "data.csv"), columns, whole=name == "encoders0")
+        Series(Tail(folder / name / "data.csv"), columns, whole=name == "encoders0", unit=name == "orientation0")
         for name, columns in (("imu0", 6), ("orientation0", 4), ("encoders0", wheels))
     )
     return LiveLog(folder, rig, pipe, Tail(folder / "cam0" / "data.csv"), imu, orientation, encoders)

@@ -43,6 +43,8 @@ def read_video(log: Path, told: Told, target: Path, progress: Report) -> list[st
     video = _video(log)
     assert video is not None  # noqa: S101  the reader was chosen for it
     refuse_link(video)
+    if not video.is_file():  # a pipe would be waited for
+        raise BadInput([f"{video}: is no plain file; a video is expected"])
     beside = video.parent
     rig, pipe = needed(_beside(told, beside), log)
     stamps, _ = read_csv(beside / STAMPS, 0)

@@ -36,7 +36,7 @@ def read(root: Path, file: str) -> Any | None:
         if path.stat().st_size > LARGEST_BYTES:
             raise BadInput([f"{path}: is larger than {LARGEST_BYTES / 1e6:g} MB"])
         return json.loads(path.read_text())
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput([f"{path}: is no JSON: {error}; make it again"]) from error
 
 

@@ -140,7 +140,7 @@ SCENE = {"sensing.fidelity": "points", "sensing.points": "default", "pipe.featur
 def _wrong_defects(file: PlanFile) -> Iterator[Fault]:
     for name, given in file.defects.items():
         keys = ("defects", name)
-        if given.get("kind") not in FAMILIES:
+        if given.get("kind") not in (*FAMILIES,):  # a list or a mapping has no hash
             yield Fault((*keys, "kind"), shown(given.get("kind")), f"must be one of {', '.join(FAMILIES)}")
             continue
         fields = FAMILIES[given["kind"]].model_fields

@@ -44,16 +44,23 @@ def export(ledger: Ledger, folder: Path, to: Format) -> list[Path]:
 def runs_table(ledger: Ledger) -> Table:
     """A row a run, whatever became of it."""
     identity = ledger.about("identity")
-    factors = {path: _factor_type(identity["factors"][path]) for path in identity["paths"]}
     kinds = get_type_hints(Score)
+    if identity is None or not (
+        set(identity["paths"]) <= set(identity["factors"]) and {*identity["record"]} <= {*kinds}
+    ):
+        raise BadInput([f"{ledger.file}: does not say what its study varied and kept; another version wrote it"])
+    factors = {path: _factor_type(identity["factors"][path]) for path in identity["paths"]}
     figures = {name: "int" if kinds[name] in (int, int | None) else "float" for name in identity["record"]}
     first = dict(zip(FIRST, ("text", "int", "text", "text"), strict=True))  # a seed may pass what a double holds
     return {**first, **factors, **dict.fromkeys(LAST, "text"), **figures}, (
-        _run_row(row, factors, len(figures)) for row in ledger.rows()
+        _run_row(row, factors, len(figures), ledger.file) for row in ledger.rows()
     )
 
 
-def _run_row(row: Row, factors: dict[str, str], figures: int) -> list[Any]:
+def _run_row(row: Row, factors: dict[str, str], figures: int, file: Path) -> list[Any]:
+    if len(row.values) != len(factors) or len(row.figures) not in (0, figures):
+        has = f"{len(row.values)} values and {len(row.figures)} figures"
+        raise BadInput([f"{file}: run {row.key}: has {has}; {len(factors)} and {figures} are expected"])
     values = [
         v if kind != "text" or isinstance(v, str) else json.dumps(v)
         for v, kind in zip(row.values, factors.values(), strict=True)

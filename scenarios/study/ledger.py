@@ -12,9 +12,12 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from scenarios.document import BadInput
+from pydantic import Field, TypeAdapter
+
+from scenarios.document import BadInput, shown
+from scenarios.study.ledger_cells import FACTS, DamagedCell, checked, plain_of
 from scenarios.study.plain import canonical
 
 FILE, LOCK = "ledger.sqlite", "lock"
@@ -98,6 +101,10 @@ class Row(NamedTuple):
     seconds: float | None
     figures: list[float | int | None]
     defects: list[list[float]]
+
+
+ROW, LIST = TypeAdapter(Row), TypeAdapter(list)
+STATE = TypeAdapter(Annotated[int, Field(ge=PLANNED, le=FAILED)])
 
 
 @contextmanager
@@ -195,7 +202,7 @@ class Ledger:
         try:
             with _full_disk_said(self.folder):
                 yield
-        except sqlite3.DatabaseError as error:
+        except (DamagedCell, UnicodeDecodeError, sqlite3.DatabaseError) as error:  # SQLite quotes a damaged schema
             code = getattr(error, "sqlite_errorcode", 0) & 0xFF
             if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise BadInput([f"{self.file}: another program has locked it; close that and try again"]) from error
@@ -212,7 +219,7 @@ class Ledger:
         """A fact about the study, None where it is not there."""
         with self._said():
             found = self.base.execute("SELECT value FROM about WHERE name = ?", (name,)).fetchone()
-        return None if found is None else json.loads(found[0])
+            return None if found is None else plain_of(found[0], FACTS[name], name)
 
     def note(self, name: str, value: Any) -> None:
         """Write down a fact about the study."""
@@ -355,9 +362,12 @@ class Ledger:
                 f"SELECT {columns} FROM runs {which}",  # noqa: S608  our own words
                 values,
             ):
-                found, pairs = json.loads(figures or "[]"), json.loads(defects or "[]")
-                values_ = json.loads(setting)
-                yield Row(key, point, method, seed, values_, STATES[state], cause, error, seconds, found, pairs)
+                what = f"run {shown(key)}"
+                held = [plain_of(cell or "[]", LIST, what) for cell in (setting, figures, defects)]
+                checked(state, STATE, what)
+                row = Row(key, point, method, seed, held[0], STATES[state], cause, error, seconds, *held[1:])
+                checked(row, ROW, what)
+                yield row
 
 
 def set_aside(folder: Path) -> Path | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from scenarios.found_run import read_map
 from scenarios.run import scenario_and_truth
 from scenarios.scenario import Scenario
 from sensor_model.geometry import rotation_from_wxyz, twist_about_z_rad, wall_direction
@@ -140,11 +141,10 @@ def _cloud(file: Path) -> tuple[np.ndarray, np.ndarray]:
     """Some of the cells of a wall map as points, and their deviations; none where the run left no map."""
     if not file.is_file():
         return np.zeros((0, 3)), np.zeros(0)
-    with np.load(file, allow_pickle=False) as held:
-        theta, z, radius, dev = (held[name] for name in ("theta_rad", "z_mm", "radius_mm", "wall_dev_mm"))
+    wall, dev = read_map(file)
     around, along = np.nonzero(np.isfinite(dev))
     kept = slice(None, None, max(around.size // MOST_POINTS, 1))
     around, along = around[kept], along[kept]
-    places = wall_direction(theta[around]) * radius[around, along][:, None]
-    places[:, 2] = z[along]
+    places = wall_direction(wall.theta_rad[around]) * wall.radius_mm[around, along][:, None]
+    places[:, 2] = wall.z_mm[along]
     return places, dev[around, along]

@@ -104,5 +104,22 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path, scenario, truth):
         read_run(tmp_path)
     folder = run_of(scenario, truth, tmp_path / "run")
     (folder / "truth" / "truth.npz").write_bytes(b"nothing")
-    with pytest.raises(BadInput, match="truth"):
+    with pytest.raises(BadInput, match=r"truth\.npz: cannot be read: File is not a zip file"):
+        read_run(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("time_s", np.zeros(4), "time_s: must be at least 2 finite numbers, each beyond the last"),
+        ("position_mm", np.zeros((4, 2)), r"position_mm: got shape \(4, 2\); \(\d+, 3\) goes with time_s"),
+        ("slip_mm_s", np.zeros(3, dtype=bool), "slip_mm_s: got bool; numbers are expected"),
+    ],
+)
+def test_a_truth_that_cannot_be_is_refused(name, values, said, scenario, truth, tmp_path):
+    folder = run_of(scenario, truth, tmp_path / "run")
+    with np.load(folder / "truth" / "truth.npz") as held:
+        arrays = dict(held)
+    np.savez(folder / "truth" / "truth.npz", **{**arrays, name: values})
+    with pytest.raises(BadInput, match=said):
         read_run(folder)

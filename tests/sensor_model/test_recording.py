@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 
 import numpy as np
 import pytest
@@ -159,6 +160,7 @@ NARROW = [("pixel", "<f4", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")]
         (_set("slit", lambda slit: -1 - slit), "slits from -8 to -1"),
         (_set("pixel", lambda pixel: pixel * np.nan), "finite"),
         (_set("sigma_px", np.zeros_like), "positive"),
+        (_set("sigma_px", lambda sigma: sigma * 1e300), "at most 1e[+]06"),
         (lambda rows: np.stack([rows, rows]), r"shape \(2, \d+\)"),
         (lambda rows: rows.astype(NARROW), "<f4"),
         (lambda rows: np.array([{}]), "of object"),  # noqa: ARG005
@@ -167,6 +169,7 @@ NARROW = [("pixel", "<f4", (2,)), ("slit", "<i8"), ("sigma_px", "<f8")]
         (lambda rows: _promising(-1), "-1 rows"),  # noqa: ARG005
         (lambda rows: b"PK\x03\x04 not rows", "not a frame of slit pixels"),  # noqa: ARG005
         (lambda rows: b"", "not a frame of slit pixels"),  # noqa: ARG005
+        (lambda rows: b"\x93NUMPY\x01\x00\x88\x13" + b"-" * 5000, "not a frame of slit pixels"),  # noqa: ARG005
         (lambda rows: b"\x93NUMPY\x01\x00\xff\xff{", "not a frame of slit pixels"),  # noqa: ARG005
         (lambda rows: bytes(MAX_FILE_BYTES + 1), f"{MAX_FILE_BYTES + 1} bytes; at most {MAX_FILE_BYTES}"),  # noqa: ARG005
     ],
@@ -206,6 +209,38 @@ def test_a_quaternion_without_length_is_refused(log, tmp_path):
 def test_aliases_are_refused(log, tmp_path):
     copy = _spoiled(log, tmp_path, "pipe.yaml", lambda _: "inner_radius_mm: &a 70\nwall_thickness_mm: *a\n")
     with pytest.raises(BadRecording, match="aliases"):
+        open_recording(copy)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("pipe.yaml", "launch_mm: 0.0", "launch_mm: 1.0e+39", "launch_mm"),
+        ("rig.yaml", "q_camera_imu_wxyz: [0.7", "q_camera_imu_wxyz: [7.7", "a quaternion of length"),
+        ("rig.yaml", "axis: [0.0, 0.0, 1.0]", "axis: [0.0, 0.0, -1.0]", "axis must point ahead"),
+        ("rig.yaml", "fx_px: 588.673", "fx_px: 5.0e+300", "fx_px"),
+    ],
+)
+def test_numbers_that_no_rig_and_no_pipe_has_are_refused(file, old, new, said, log, tmp_path):
+    """Squared, they are no numbers any more, and a fit that divides by them ends without a word."""
+    copy = _spoiled(log, tmp_path, file, lambda text: text.replace(old, new))
+    with pytest.raises(BadRecording, match=said):
+        open_recording(copy)
+
+
+def test_a_pipe_in_place_of_settings_is_not_waited_for(log, tmp_path):
+    copy = _spoiled(log, tmp_path, "pipe.yaml", str)
+    (copy / "pipe.yaml").unlink()
+    os.mkfifo(copy / "pipe.yaml")
+    with pytest.raises(BadRecording, match="no plain file"):
+        open_recording(copy)
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, "- " * 5000])
+def test_settings_nested_without_end_are_refused_at_once(text, log, tmp_path):
+    """A YAML parser's time grows with the square of the depth, and then it runs out of stack."""
+    copy = _spoiled(log, tmp_path, "pipe.yaml", lambda _: text)
+    with pytest.raises(BadRecording, match="deep"):
         open_recording(copy)
 
 

@@ -82,6 +82,21 @@ def test_a_line_that_cannot_be_is_refused(line, said, small_log, tmp_path):
         read_more(open_live(tmp_path / "log"))
 
 
+def test_a_table_that_is_a_folder_is_refused(small_log, tmp_path):
+    shutil.copytree(small_log, tmp_path / "log")
+    (tmp_path / "log" / "imu0" / "data.csv").unlink()
+    (tmp_path / "log" / "imu0" / "data.csv").mkdir()
+    with pytest.raises(BadRecording, match=r"imu0/data\.csv: is no plain file"):
+        read_more(open_live(tmp_path / "log"))
+
+
+def test_an_attitude_without_length_is_refused(small_log, tmp_path):
+    shutil.copytree(small_log, tmp_path / "log")
+    (tmp_path / "log" / "orientation0" / "data.csv").write_text("# attitude\n1,1,0,0,0\n2,0,0,0,0\n")
+    with pytest.raises(BadRecording, match=r"orientation0/data\.csv:3: a quaternion of length 0; 1 is expected"):
+        read_more(open_live(tmp_path / "log"))
+
+
 def test_after_a_kill_it_goes_on_and_ends_as_a_replay(small_log, tmp_path, monkeypatch):
     """The first life ends before it writes its result; one of the frames it left is torn."""
     monkeypatch.setattr("scenarios.field.page.write_page", lambda _, name, file: file.write_text(name))

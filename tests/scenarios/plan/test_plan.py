@@ -221,6 +221,7 @@ def test_figures_agree_as_far_as_their_intervals_reach():
         ("kind: pit", "kind: crack", r"defects\.pit\.kind"),
         ("diameter_mm: [12, 20]", "diameter_mm: [20, 12]", r"a range \[low, high\]"),
         ("depth_pct: [2, 60]", "depth_mm: 3", "state the depth as depth_pct"),
+        ("kind: pit,", "kind: {a: 1},", r"defects\.pit\.kind: got .*; must be one of"),
         ("per_scan: 2", "per_scan: 4", "does not fit into"),
         (
             "diameter_mm: [12, 20]",

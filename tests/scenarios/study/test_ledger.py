@@ -126,11 +126,30 @@ def _text(file: Path) -> None:
     file.write_text("no database " * 1000)
 
 
-@pytest.mark.parametrize("harm", [_truncated, _cut_short, _overwritten, _text])
+def _edited(change: str):
+    def harm(file: Path) -> None:
+        with sqlite3.connect(file) as base:
+            base.execute(change)
+        base.close()
+
+    return harm
+
+
+CELLS = [
+    "UPDATE runs SET defects = '{'",
+    "UPDATE runs SET figures = '[\"x\"]'",
+    "UPDATE runs SET state = 9",
+    "UPDATE runs SET setting = printf('%.*c', 5000, '[')",
+    "ALTER TABLE runs RENAME COLUMN figures TO other",
+    "UPDATE about SET value = '[1]' WHERE name = 'name'",
+]
+
+
+@pytest.mark.parametrize("harm", [_truncated, _cut_short, _overwritten, _text, *map(_edited, CELLS)])
 def test_a_damaged_ledger_is_one_clear_line(planned: Path, harm):
     harm(planned / FILE)
     with pytest.raises(BadInput) as said, Ledger(planned) as ledger:
-        list(ledger.rows())
+        assert (list(ledger.rows()), ledger.about("name")) is None
     assert len(said.value.lines) == 1
     assert "is damaged" in said.value.lines[0]
     assert "move it away to begin anew" in said.value.lines[0]
