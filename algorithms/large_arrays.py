@@ -13,6 +13,7 @@ from numpy.typing import DTypeLike
 
 LARGE_BYTES = 2**25  # 32 MB: a smaller array is held in memory
 PIECE_CELLS = 2**19
+ON_DISK = "/var/tmp"  # noqa: S108  a file without a name is nobody else's
 
 
 def room(shape: tuple[int, ...], kind: DTypeLike) -> np.ndarray:
@@ -26,7 +27,7 @@ def room(shape: tuple[int, ...], kind: DTypeLike) -> np.ndarray:
     size = prod(shape) * np.dtype(kind).itemsize
     if size < LARGE_BYTES:
         return np.empty(shape, kind)
-    folder = os.environ.get("TMPDIR", "/var/tmp")  # noqa: S108  a file without a name is nobody else's
+    folder = os.environ.get("TMPDIR") or next(filter(os.path.isdir, [ON_DISK]), None)
     with tempfile.TemporaryFile(dir=folder) as file:
         try:
             # now, for to write to an array on a disk that is full would kill the process
