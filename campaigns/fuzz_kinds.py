@@ -370,7 +370,7 @@ def packed(folder: Path) -> dict[str, Kind]:
         "frame.png": Kind(folder / "picture.png", lambda file: read_frame(file, rig), 3),
         "picture.png": Kind(folder / "picture.png", read_picture, 3),
         "picture.jpg": Kind(folder / "picture.jpg", read_picture),
-        "poses.mat": Kind(folder / "poses.mat", read_poses, 0.5),
+        "poses.mat": Kind(folder / "poses.mat", read_poses, 0.01),
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.io import savemat
 from typer.testing import CliRunner
 
 from scenarios.calibration.imu import read_log, read_poses
@@ -55,6 +56,17 @@ def test_poses_that_are_none_are_refused(tmp_path):
         with pytest.raises(BadInput) as fault:
             read_poses(tmp_path / name)
         assert said in fault.value.lines[0]
+
+
+def test_a_file_that_ends_its_reader_with_the_process_is_refused(tmp_path):
+    """One flipped bit in the tag of the values, on which scipy's compiled reader has no mercy."""
+    savemat(tmp_path / "poses.mat", {"rvecs": np.arange(24.0).reshape(8, 3) / 10})
+    assert read_poses(tmp_path / "poses.mat")[1] == pytest.approx([0.3, 0.4, 0.5])
+    data = bytearray((tmp_path / "poses.mat").read_bytes())
+    data[185] = 1
+    (tmp_path / "poses.mat").write_bytes(data)
+    with pytest.raises(BadInput, match=r"poses\.mat: is no MATLAB file that can be read"):
+        read_poses(tmp_path / "poses.mat")
 
 
 def test_pictures_that_are_none_are_refused(tmp_path):
