@@ -33,7 +33,9 @@ def study(tmp_path_factory) -> Path:
                 outcomes.append(Outcome(key, 1.0, [], [sizes + [10.1, 9.9, float(depth)] * int(found)]))
     outcomes[-1] = Outcome(runs[-1].key, 1.0, cause="raised", error="broke")
     with Ledger(folder) as ledger:
-        facts = {"methods": list(METHODS), "identity": {"paths": ["pipe.features.0.depth_mm"], "record": []}}
+        path = "pipe.features.0.depth_mm"
+        identity = {"paths": [path], "factors": {path: {}}, "record": []}
+        facts = {"methods": list(METHODS), "identity": identity}
         ledger.plan(runs, facts)
         ledger.finished(outcomes)
     return folder
