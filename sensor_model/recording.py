@@ -189,12 +189,19 @@ def _png_size(file: Path) -> tuple[int, int]:
     """Rows and columns that a PNG's header states.
 
     Raises:
-        BadRecording: when it is no PNG.
+        BadRecording: when it is no PNG, or one of its parts promises more than the file holds, which is made room for.
     """
-    with file.open("rb") as start:
-        head = start.read(24)
-    if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR":
-        raise BadRecording(f"{file}: not a picture that can be read: no PNG")
+    held, at = file.stat().st_size, 8
+    with file.open("rb", buffering=0) as png:
+        head = png.read(24)
+        if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR":
+            raise BadRecording(f"{file}: not a picture that can be read: no PNG")
+        while at < held:
+            png.seek(at)
+            promised = int.from_bytes(png.read(4), "big")
+            at += 12 + promised
+            if at > held:
+                raise BadRecording(f"{file}: not a picture that can be read: {promised} bytes promised, {held} in all")
     return int.from_bytes(head[20:24], "big"), int.from_bytes(head[16:20], "big")
 
 

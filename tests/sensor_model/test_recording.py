@@ -19,6 +19,7 @@ from sensor_model.recording import (
     NominalPipe,
     _read_slit_pixels,
     open_recording,
+    read_frame,
 )
 from sensor_model.rig import Rig, load_settings, preset_rig
 from sensor_model.sense import sense
@@ -118,6 +119,19 @@ def test_a_picture_of_the_wrong_size_is_refused(log, tmp_path):
     (copy / "cam0" / "data" / f"{stamp}.png").write_bytes(b"not a picture")
     with pytest.raises(BadRecording, match="not a picture"):
         open_recording(copy)[0]
+
+
+def test_a_picture_that_promises_gigabytes_is_refused_before_room_is_made(log, tmp_path):
+    import cv2
+
+    file, rig = tmp_path / "0.png", open_recording(log[0]).rig
+    coded = cv2.imencode(".png", np.zeros((rig.camera.height_px, rig.camera.width_px, 3), np.uint8))[1].tobytes()
+    file.write_bytes(coded)
+    assert read_frame(file, rig).shape == (rig.camera.height_px, rig.camera.width_px, 3)
+    at = coded.index(b"IDAT")
+    file.write_bytes(coded[: at - 4] + (3_000_000_000).to_bytes(4, "big") + coded[at:])
+    with pytest.raises(BadRecording, match="3000000000 bytes promised"):
+        read_frame(file, rig)
 
 
 def _log_with(log, tmp_path, change):
