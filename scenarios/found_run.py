@@ -151,6 +151,8 @@ def read_map(file: Path) -> tuple[WallMap, Float[np.ndarray, "around along"]]:
     radius, spread, sigma, deviation = (
         held[name].astype(float) for name in ("radius_mm", "spread_mm", "sigma_mm", "wall_dev_mm")
     )
+    if np.nanmin(radius - deviation, initial=np.inf) <= 0:
+        raise BadInput([f"{file}: wall_dev_mm: must be less than radius_mm, for the bore is what remains"])
     return WallMap(theta, z, radius, spread, sigma, held["count"].astype(np.int64)), deviation
 
 

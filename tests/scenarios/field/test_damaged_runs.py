@@ -23,6 +23,16 @@ def test_a_pipe_in_a_file_s_place_is_not_waited_for(found_folder, tmp_path, name
         read_found(tmp_path / "run")
 
 
+def test_a_map_whose_depths_leave_no_bore_is_refused(found_folder, tmp_path):
+    shutil.copytree(found_folder, tmp_path / "run")
+    file = tmp_path / "run" / "reconstruction" / "wall_map.npz"
+    with np.load(file) as held:
+        arrays = dict(held)
+    np.savez(file, **{**arrays, "wall_dev_mm": arrays["radius_mm"]})
+    with pytest.raises(BadInput, match="wall_dev_mm: must be less than radius_mm"):
+        read_found(tmp_path / "run")
+
+
 def _headed(text: str) -> bytes:
     """An .npy of three numbers under a header."""
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode() + bytes(24)
