@@ -11,6 +11,7 @@ import json
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterator
+from io import StringIO
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -36,19 +37,6 @@ from twin.truth import Truth
 BANDS = ((5.0, 10.0), (10.0, 20.0), (20.0, 40.0))
 POCKET = "kind: pocket, clock_deg: 120, length_mm: 40, width_mm: 30, depth_mm: 5"
 REST_S, RAMP_S, ROW_S = 2.0, 0.4, 0.1
-
-
-class Silent:
-    """Nowhere to say how far it is."""
-
-    def write(self, text: str, /) -> int:  # noqa: D102
-        return len(text)
-
-    def flush(self) -> None:  # noqa: D102
-        pass
-
-    def isatty(self) -> bool:  # noqa: D102
-        return False
 
 
 def hidden_points(rng: np.random.Generator) -> list[str]:
@@ -198,7 +186,7 @@ def held(found: Identified, scenario: Scenario, truth: Truth) -> Iterator[tuple[
 
 def one_log(changes: list[str], seed: int, folder: Path) -> dict[str, Any]:
     """Make a log, identify it, make it again by what was found, and compare."""
-    progress = Progress(Silent())
+    progress = Progress(StringIO())
     scenario = load_scenario("paper-gantry", changes, seed)
     truth = made(scenario, folder / "log")
     done = identified(folder / "log", None, Optics(), "again", progress)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ HIDDEN = [
     "sensing.encoders.wheel_diameter_error_pct=[0.9, -0.6, 0.2]",
     f"drive={json.dumps({'kind': 'recorded', 'rows': ROWS})}",
 ]
-QUIET = Progress(open("/dev/null", "w"))  # noqa: SIM115, PTH123  for the whole module
+QUIET = Progress(StringIO())
 
 
 def made(folder: Path, scenario: Scenario) -> Path:
