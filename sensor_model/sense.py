@@ -141,6 +141,8 @@ def png(picture: UInt8[np.ndarray, "height width 3"]) -> bytes:
     """An RGB picture as PNG."""
     import cv2
 
-    # Huffman coding alone: a noisy picture has no repeats to find, and it is the fastest and the smallest here
+    # Huffman coding alone: a noisy picture has no repeats to find, and it is the fastest and the smallest here; and one
+    # filter for all rows: to choose row by row takes twice as long, for a file that is smaller by a thirtieth
     how = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+    how += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
     return cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), how)[1].tobytes()

@@ -121,6 +121,27 @@ def test_a_picture_of_the_wrong_size_is_refused(log, tmp_path):
         open_recording(copy)[0]
 
 
+@pytest.mark.parametrize("kind", ["rgb", "gray", "rgba", "16 bit"])
+def test_every_kind_of_png_is_read_as_a_general_reader_reads_it(kind, log, tmp_path):
+    import cv2
+
+    file, rig = tmp_path / "0.png", open_recording(log[0]).rig
+    rgb = np.random.default_rng(0).integers(0, 256, (rig.camera.height_px, rig.camera.width_px, 3), dtype=np.uint8)
+    pictures = {
+        "rgb": rgb,
+        "gray": rgb[..., 0],
+        "rgba": np.dstack([rgb, rgb[..., 0]]),
+        "16 bit": rgb.astype("u2") * 257,
+    }
+    cv2.imwrite(str(file), pictures[kind])
+    np.testing.assert_array_equal(read_frame(file, rig), cv2.imread(str(file), cv2.IMREAD_COLOR_RGB))
+    coded = bytearray(file.read_bytes())
+    coded[len(coded) // 2] ^= 1
+    file.write_bytes(coded)
+    with pytest.raises(BadRecording, match=r"0\.png: not a picture that can be read"):
+        read_frame(file, rig)
+
+
 def test_a_picture_that_promises_gigabytes_is_refused_before_room_is_made(log, tmp_path):
     import cv2
 
