@@ -10,7 +10,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
+
+from sensor_model.plain_yaml import plain_data
 
 Rng = np.random.Generator
 Mutation = Callable[[bytes, Rng], bytes]
@@ -182,7 +183,7 @@ def _ended(text: str, rng: Rng) -> bytes:
 
 @lru_cache(maxsize=32)
 def _held(data: bytes) -> Any:
-    return YAML(typ="safe", pure=True).load(data.decode())
+    return plain_data(data.decode())
 
 
 def nested(data: bytes, rng: Rng) -> bytes:

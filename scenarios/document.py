@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import copy
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.events import (
+from yaml.error import MarkedYAMLError, YAMLError
+from yaml.events import (
     AliasEvent,
     DocumentEndEvent,
     Event,
@@ -22,17 +20,12 @@ from ruamel.yaml.events import (
     SequenceEndEvent,
     StreamEndEvent,
 )
-from ruamel.yaml.reader import ReaderError
+from yaml.reader import ReaderError
+
+from sensor_model.plain_yaml import DEEPEST, events, scalar
 
 LARGEST_FILE_BYTES = 4_000_000  # ten thousand features, every setting written out
-DEEPEST = 32
 LONGEST_SHOWN = 60
-
-# YAML 1.2's core schema (section 10.3.2)
-NULL = re.compile(r"~|null|Null|NULL|")
-BOOL = re.compile(r"true|True|TRUE|false|False|FALSE")
-INT = re.compile(r"[-+]?[0-9]{1,40}")
-FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
 Keys = tuple[str | int, ...]
 
@@ -125,22 +118,29 @@ def parse(text: str, source: str, fixed_place: str | None = None) -> Document:
     Raises:
         BadInput: when it is not YAML, is empty, or is nested too deeply.
     """
-    reader = _Reader(YAML(typ="safe", pure=True).parse(text), source, fixed_place)
+    reader = _Reader(events(text), source, fixed_place)
     try:
         data = reader.document()
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         because = "; ".join(part for part in (error.problem, error.context) if part)
         raise BadInput([f"{reader.place_of(mark)}: not YAML: {because}"]) from error
-    except ReaderError as error:
-        before = text[: error.position]
+    except (ReaderError, UnicodeEncodeError) as error:
+        before = _before(text, error)
         line, column = before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1
         place = fixed_place or f"{source}:{line}:{column}"
-        got = f"U+{ord(text[error.position]):04X}"
+        got = f"U+{ord(text[len(before)]):04X}"
         raise BadInput([f"{place}: got character {got}; it may not stand in YAML"]) from error
     except YAMLError as error:
         raise BadInput([f"{fixed_place or source}: not YAML: {str(error).splitlines()[0]}"]) from error
     return Document(source, data, reader.value_places, reader.key_places, tuple(reader.faults))
+
+
+def _before(text: str, error: ReaderError | UnicodeEncodeError) -> str:
+    """What stands before the character that may not; the parser counts bytes."""
+    if isinstance(error, UnicodeEncodeError):
+        return text[: error.start]
+    return text.encode()[: error.position].decode(errors="ignore")
 
 
 class _Reader:
@@ -182,7 +182,7 @@ class _Reader:
         if tag := getattr(event, "tag", None):
             self.faults.append(f"{place}: {dotted(keys)}: got tag {tag}; tags are not understood here")
         if isinstance(event, ScalarEvent):
-            return scalar(event.value) if event.style is None else event.value
+            return event.value if event.style else scalar(event.value)
         if isinstance(event, MappingStartEvent):
             return self.mapping(keys)
         items: list = []
@@ -210,17 +210,6 @@ class _Reader:
             found[event.value] = None
             found[event.value] = self.value(next(self.events), below)
         return found
-
-
-def scalar(text: str) -> Any:
-    """A plain scalar by YAML 1.2's core schema; sexagesimals, dates and `yes` stay text."""
-    if NULL.fullmatch(text):
-        return None
-    if BOOL.fullmatch(text):
-        return text.lower() == "true"
-    if INT.fullmatch(text):
-        return int(text)
-    return float(text) if FLOAT.fullmatch(text) else text
 
 
 def dotted(keys: Keys) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, cached_property
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from math import hypot
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -13,13 +13,14 @@ from jaxtyping import Float
 from pydantic import Field, field_validator, model_validator
 
 from sensor_model.geometry import cone_frame, rotation_from_wxyz, transform
+from sensor_model.plain_yaml import plain_data
 from sensor_model.settings import Settings
 
 Color = Literal["R", "Y", "B"]
 Within = Annotated[float, Field(ge=-1e4, le=1e4)]  # beyond it squares and products lose all meaning
 Vector3 = tuple[Within, Within, Within]
 AnySettings = TypeVar("AnySettings", bound=Settings)
-MAX_SETTINGS_BYTES, DEEPEST_SETTINGS = 2**20, 32
+MAX_SETTINGS_BYTES = 2**20
 QUATERNION_TOLERANCE = 0.05
 RIGS = Path(__file__).parent / "rigs"
 
@@ -177,28 +178,11 @@ def load_settings(kind: type[AnySettings], path: Path) -> AnySettings:
         OSError: for a file that cannot be opened.
         ValueError: for a file that says something else.
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-    from ruamel.yaml.events import AliasEvent
-
     if path.stat().st_size > MAX_SETTINGS_BYTES:
         raise ValueError(f"{path.stat().st_size} bytes; at most {MAX_SETTINGS_BYTES}")
     if not path.is_file():  # a pipe would be waited for
         raise ValueError("is no plain file")
-    yaml, text = YAML(typ="safe", pure=True), path.read_text()
-    # the parser's time grows with the square of the depth of brackets
-    steps = (1 if mark in "[{" else -1 for mark in text if mark in "[]{}")
-    if max(accumulate(steps), default=0) > DEEPEST_SETTINGS:
-        raise ValueError(f"brackets nested more than {DEEPEST_SETTINGS} deep; no setting lies so deep")
-    try:
-        # an alias has no use in settings, and a few lines of them unfold without bounds
-        if "*" in text and any(isinstance(event, AliasEvent) for event in yaml.parse(text)):
-            raise ValueError("aliases (*name) are not taken")
-        return kind.model_validate(yaml.load(text))
-    except YAMLError as error:
-        raise ValueError(f"not YAML: {error}") from error
-    except RecursionError as error:
-        raise ValueError("nested too deeply; no setting lies so deep") from error
+    return kind.model_validate(plain_data(path.read_text()))
 
 
 def rigs() -> dict[str, Path]:

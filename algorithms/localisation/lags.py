@@ -107,20 +107,23 @@ def misfits(z_reference, reference, z_other, other, along_mm, about_bins, gap_mm
     bins = reference.shape[1]
     square, power, count = np.zeros(along_mm.size), np.zeros(along_mm.size), np.zeros(along_mm.size)
     z_of, height_of, seen = _in_order(z_reference, reference)
-    for k in range(along_mm.size):
-        whole = int(np.floor(about_bins[k]))
-        part = about_bins[k] - whole
-        for i in range(other.shape[0]):
-            for j in range(bins):
-                h, z = other[i, j], z_other[i, j] - along_mm[k]
-                if np.isnan(h):
-                    continue
-                b = (j - whole) % bins
-                low = height_at(z_of[b, : seen[b]], height_of[b], z, gap_mm)
-                if part > 0.0:
-                    b = (j - whole - 1) % bins
-                    high = height_at(z_of[b, : seen[b]], height_of[b], z, gap_mm)
-                    low = (1.0 - part) * low + part * high
+    whole = np.floor(about_bins).astype(np.int64)
+    part = about_bins - whole
+    near = np.zeros(bins, dtype=np.int64)  # from lag to lag a place moves by a sample or less
+    for i in range(other.shape[0]):
+        for j in range(bins):
+            h = other[i, j]
+            if np.isnan(h):
+                continue
+            for k in range(along_mm.size):
+                z, b = z_other[i, j] - along_mm[k], (j - whole[k]) % bins
+                near[b] = _above(z_of[b], seen[b], z, near[b])
+                low = height_at(z_of[b, : seen[b]], height_of[b], z, near[b], gap_mm)
+                if part[k] > 0.0:
+                    b = (b - 1) % bins
+                    near[b] = _above(z_of[b], seen[b], z, near[b])
+                    high = height_at(z_of[b, : seen[b]], height_of[b], z, near[b], gap_mm)
+                    low = (1.0 - part[k]) * low + part[k] * high
                 if np.isnan(low):
                     continue
                 square[k] += (h - low) ** 2
@@ -148,9 +151,18 @@ def _in_order(z_mm, height_mm):
 
 
 @njit(cache=True, error_model="numpy")
-def height_at(z_mm, height_mm, z, gap_mm):
-    """The height between two of the samples in order; NaN where none is close, or it lies in their shade."""
-    above = np.searchsorted(z_mm, z)
+def _above(z_mm, count, z, near):
+    """The first of the samples in order that does not lie below z, sought from a place near it."""
+    while near > 0 and z_mm[near - 1] >= z:
+        near -= 1
+    while near < count and z_mm[near] < z:
+        near += 1
+    return near
+
+
+@njit(cache=True, error_model="numpy")
+def height_at(z_mm, height_mm, z, above, gap_mm):
+    """The height between two samples, `above` the first not below z; NaN where none is close, or in their shade."""
     if above == z_mm.size:
         return np.nan
     if z_mm[above] == z:

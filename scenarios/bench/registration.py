@@ -16,9 +16,10 @@ from scenarios.bench.clouds import Cloud
 from scenarios.bench.errors import FrameError
 from scenarios.bench.frames import CASES, FrameCase
 from scenarios.bench.statistics import Pair, Row, by_scenario, nearest_method, pairs, rows, winner_words
-from scenarios.document import BadInput, nearest, scalar, shown
+from scenarios.document import BadInput, nearest, shown
 from scenarios.provenance import versions
 from scenarios.run_folder import run_folder
+from sensor_model.plain_yaml import scalar
 from sensor_model.settings import Settings
 
 DEFAULT_CASES = ("clean", "defect-30", "hard")

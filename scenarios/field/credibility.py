@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel
-from ruamel.yaml import YAML
 
 from scenarios.extrapolated import extrapolated
 from scenarios.report.calibration_page import Section
 from scenarios.scenario import Scenario
+from sensor_model.plain_yaml import plain_data
 from sensor_model.settings import Settings
 
 SOURCES = Path(__file__).parent / "sources.yaml"
@@ -52,7 +52,7 @@ class Source(Settings):
 @cache
 def sources() -> dict[str, Source]:
     """By group of settings, the path as in a scenario."""
-    held = YAML(typ="safe", pure=True).load(SOURCES.read_text())
+    held = plain_data(SOURCES.read_text())
     return {group: Source.model_validate(row) for group, row in held.items()}
 
 

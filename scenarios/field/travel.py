@@ -45,6 +45,7 @@ class Travel:
 
     def __post_init__(self) -> None:
         self.told, self.turned = OneWay(RingProfiles(self.rings)), OneWay(RingProfiles(self.rings))
+        self.turned.due_mm += EVERY_MM / 2  # not both in one frame, which would then be late
 
 
 def travel_on(travel: Travel, points: RingPoints, alignment: Alignment) -> None:

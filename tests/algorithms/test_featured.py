@@ -9,7 +9,7 @@ import pytest
 
 from algorithms.hindsight import moved, straightened
 from algorithms.localisation.joints import joint_mm
-from algorithms.localisation.lags import SHADE_MM, Profile, height_at, lag_about_bins, lag_along_mm, misfits
+from algorithms.localisation.lags import SHADE_MM, Profile, lag_about_bins, lag_along_mm, misfits
 from algorithms.method import Method
 from algorithms.reconstruct import begin, finish, step
 from algorithms.types import Alignment, WallMap
@@ -79,8 +79,8 @@ def test_the_compiled_misfit_is_the_plain_one():
     rng = np.random.default_rng(4)
     reference, other = _profile(rng, low=-20, high=80, step_mm=5.0), _profile(rng, 1.0, step_mm=6.0)
     reference.height_mm[rng.random(reference.height_mm.shape) < 0.1] = np.nan
-    lags = np.array([-1.5, 0.1, 2.25])
-    square, power, count = misfits(*reference, *other, lags, np.zeros(3), 7.0)
+    lags = np.array([-1.5, 500.0, 0.1, 2.25])  # one beyond all that was seen
+    square, power, count = misfits(*reference, *other, lags, np.zeros(4), 7.0)
     for k, lag in enumerate(lags):
         gaps, both = [], []
         for j in range(180):
@@ -97,7 +97,6 @@ def test_the_compiled_misfit_is_the_plain_one():
         assert count[k] == len(gaps)
         assert square[k] == pytest.approx(np.sum(np.square(gaps)))
         assert power[k] == pytest.approx(np.sum(both))
-    assert np.isnan(height_at(np.array([1.0, 3.0]), np.array([0.5, 0.5]), 500.0, 7.0))
 
 
 def test_a_joint_stands_all_around_at_one_place():

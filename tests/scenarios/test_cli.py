@@ -69,7 +69,7 @@ def inside(monkeypatch: pytest.MonkeyPatch, *words: str) -> subprocess.Completed
 
 
 def test_help_is_quick_and_loads_nothing_heavy(tmp_path: Path) -> None:
-    heavy = ("numpy", "scipy", "numba", "pydantic", "ruamel", "rich", "cv2", "mujoco", "pyrender", "matplotlib")
+    heavy = ("numpy", "scipy", "numba", "pydantic", "ruamel", "yaml", "rich", "cv2", "mujoco", "pyrender", "matplotlib")
     code = f"""
 import atexit, sys
 atexit.register(lambda: print("LOADED", [m for m in {heavy} if m in sys.modules]))

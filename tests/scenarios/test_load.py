@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.document import LARGEST_FILE_BYTES, BadInput, parse, scalar
+from scenarios.document import LARGEST_FILE_BYTES, BadInput, parse
 from scenarios.load import library, load_scenario, to_scenario
 from scenarios.settings_yaml import settings_yaml
+from sensor_model.plain_yaml import scalar
 
 GOOD = """\
 name: small
@@ -148,7 +149,7 @@ def test_a_true_rig_states_only_what_differs() -> None:
             "why: !!python/name:os.system x",
             "s.yaml:2:6: why: got tag tag:yaml.org,2002:python/name:os.system; tags are not understood here",
         ),
-        ("why: a test", "why: a: test", "s.yaml:2:7: not YAML: mapping values are not allowed here"),
+        ("why: a test", "why: a: test", "s.yaml:2:7: not YAML: mapping values are not allowed in this context"),
         ("why: a test", "why: a\0test", "s.yaml:2:7: got character U+0000; it may not stand in YAML"),
         ("why: a test", "[a]: b\nwhy: a", "s.yaml:2:1: the file: got a key that is no plain text"),
         ("name: small", "name: ../out", "s.yaml:1:7: name: got '../out'; must match pattern"),
@@ -211,7 +212,7 @@ def test_a_long_list_of_faults_ends_with_their_number() -> None:
         ("pipe.features.1.depth_mm=1", "--set pipe.features.1.depth_mm: got item 1; pipe.features has items 0 to 0"),
         ("rig.projector.slits.0=1", "--set rig.projector.slits.0: got item 0; rig.projector.slits is not written out"),
         ("name.x=1", "--set name.x: name is the value 'small'; nothing lies below it"),
-        ("drive.offset_mm=[1, 2", "--set drive.offset_mm: not YAML: expected ',' or ']'"),
+        ("drive.offset_mm=[1, 2", "--set drive.offset_mm: not YAML: did not find expected ',' or ']'"),
         ("drive.offset_mm=[1]", "--set drive.offset_mm: drive.offset_mm.1: got nothing; required"),
         ("sensing.optics=dull", "--set sensing.optics: got 'dull'; no look is called 'dull'; there are endoscope"),
         ("seed", "--set seed: give it as path.to.field=value"),
