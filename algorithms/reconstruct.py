@@ -18,6 +18,7 @@ from algorithms.registration import REGISTRATIONS
 from algorithms.registration.fusion import covariance
 from algorithms.sizing.background import deviation_mm, noise_of_rows
 from algorithms.sizing.measure import measure_defects
+from algorithms.sizing.unlit import drop_unlit
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall, WallMap
 from algorithms.wall_map import MapBuilder, MapTorn, add_points, finish_map, on_a_wall, shift_waiting
@@ -184,10 +185,11 @@ def mapped(state: State) -> tuple[Trajectory, WallMap]:
 
 
 def sized(path: Trajectory, wall: WallMap, rig: Rig, pipe: NominalPipe, method: Method) -> Reconstruction:
-    """Size the defects of a closed map."""
+    """Size the defects of a closed map, which loses the cells that hold false slits alone."""
+    steepest = float(rig.projector.slit_half_angles_rad[-1])
+    drop_unlit(wall, steepest)
     deviation = deviation_mm(wall)
     noise = noise_of_rows(wall, deviation)
-    steepest = float(rig.projector.slit_half_angles_rad[-1])
     defects = measure_defects(wall, deviation, noise, pipe, steepest, method.sizing)
     return Reconstruction(path, wall, deviation, defects)
 

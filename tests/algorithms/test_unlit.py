@@ -1,0 +1,112 @@
+"""False slits in the map: what no light can have reached is dropped, and what it can have stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from algorithms.robust import MAD_TO_SIGMA
+from algorithms.sizing.background import deviation_mm, noise_of_rows, seen_medians
+from algorithms.sizing.measure import SizingSettings, measure_defects
+from algorithms.sizing.unlit import AGREE_SHARE, MARGIN_MM, MARGIN_SIGMAS, drop_unlit, unlit
+from algorithms.types import WallMap
+from sensor_model.recording import NominalPipe
+from twin.pipe import Pipe
+
+STEEPEST = np.radians(36.9)
+NOMINAL = NominalPipe(inner_radius_mm=76.2, wall_thickness_mm=7.5)
+
+
+def _scanned(feature, noise=0.03):
+    """A map of a defect in the middle of 300 mm, in which nothing lies where no light falls."""
+    pipe = Pipe.model_validate({
+        "inner_radius_mm": 76.2, "wall_thickness_mm": 7.5, "end_mm": 600,
+        "features": [{"distance_mm": 150, "clock_deg": 120} | feature],
+    })  # fmt: skip
+    theta, z = (np.arange(360) + 0.5) * 2 * np.pi / 360, np.arange(0.5, 300.0, 1.0)
+    depth = pipe.radius(theta[:, None], z[None, :]) - 76.2
+    # the steepest light that passes all that stands before a place
+    slope = np.tan(STEEPEST)
+    lowest = np.minimum.accumulate(depth - slope * z, axis=1) + slope * z
+    radius = 76.2 + depth + np.random.default_rng(0).normal(0, noise, depth.shape)
+    radius[depth > lowest + 1e-9] = np.nan
+    level = np.where(np.isfinite(radius), noise, np.nan)
+    return WallMap(theta, z, radius, level, level.copy(), np.where(np.isfinite(radius), 2, 0))
+
+
+def _astray(wall, columns, row, depth_mm):
+    """One slit, taken for another in one picture: some lines long, seen once."""
+    wall.radius_mm[columns, row], wall.count[columns, row] = 76.2 + depth_mm, 1
+    wall.sigma_mm[columns, row] = wall.spread_mm[columns, row] = 0.1
+
+
+def _sized(wall):
+    deviation = deviation_mm(wall)
+    (found,) = measure_defects(wall, deviation, noise_of_rows(wall, deviation), NOMINAL, STEEPEST, SizingSettings())
+    return found
+
+
+@pytest.mark.parametrize(
+    "feature",
+    [
+        {"kind": "pocket", "length_mm": 70, "width_mm": 35, "depth_mm": 7.5},
+        {"kind": "pocket", "length_mm": 10, "width_mm": 10, "depth_mm": 4},
+        {"kind": "pit", "diameter_mm": 12, "depth_mm": 3.5, "shape": "conical"},
+        {"kind": "pit", "diameter_mm": 9, "depth_mm": 2.5, "shape": "spherical"},
+        {"kind": "scratch", "path_length_mm": 40, "width_mm": 3, "depth_mm": 2, "heading_deg": 60},
+    ],
+)
+def test_what_light_reaches_stays(feature):
+    wall = _scanned(feature)
+    before = wall.count.copy()
+    drop_unlit(wall, STEEPEST)
+    np.testing.assert_array_equal(wall.count, before)
+
+
+def test_false_slits_in_a_pit_and_behind_it_change_nothing():
+    feature = {"kind": "pit", "diameter_mm": 12, "depth_mm": 1.9}
+    clean, spoiled, kept = (_scanned(feature) for _ in range(3))
+    places = ((117, 146, 5.9), (121, 151, 7.9), (118, 154, 7.0))
+    for wall in (spoiled, kept):
+        for column, row, depth in places:
+            _astray(wall, slice(column, column + 3), row, depth)
+            _astray(wall, slice(column, column + 3), row + 1, 0.98 * depth)  # and again in the next picture
+    drop_unlit(spoiled, STEEPEST)
+    true, found, fooled = _sized(clean), _sized(spoiled), _sized(kept)
+    sizes = np.array([[one.length_mm, one.width_mm, one.depth_mm] for one in (true, found, fooled)])
+    assert np.abs(sizes[1] - sizes[0]).max() < 0.5
+    assert sizes[2, 2] > sizes[0, 2] + 2
+
+
+def test_the_compiled_search_is_the_plain_one():
+    rng = np.random.default_rng(1)
+    radius = 50 + rng.normal(0, 0.05, (24, 60)) + np.where(rng.random((24, 60)) < 0.15, rng.uniform(0, 6, (24, 60)), 0)
+    radius[rng.random(radius.shape) < 0.2] = np.nan
+    count = np.where(np.isfinite(radius), rng.integers(1, 4, radius.shape), 0)
+    rows, rise, reach = (10, 50), 0.7, 2
+    level = seen_medians(radius, *rows)
+    depth = radius - level[:, None]
+    inside = slice(*rows)
+    off = np.abs(depth[:, inside][count[:, inside] > 0])
+    margin = MARGIN_MM + MARGIN_SIGMAS * MAD_TO_SIGMA * np.median(off)
+    usual = np.median(count[:, inside][count[:, inside] > 0])
+    expected = []
+    for i in range(24):
+        three = [i - 1, i, (i + 1) % 24]
+        for j in range(*rows):
+            if not depth[i, j] > 2 * rise + margin:
+                continue
+            near = slice(j - reach, j + reach + 1)
+            alike = depth[:, near] >= AGREE_SHARE * depth[i, j]
+            shallower = np.isfinite(depth[i, near]) & ~alike[i]
+            agree, beside = count[i, near][alike[i]].sum(), count[i, near][shallower].sum()
+            before = np.arange(max(j - int(np.ceil(depth[i, j] / rise)), 0), j)
+            blocks = depth[three][:, before] < depth[i, j] - (j - before + 1) * rise - margin
+            with_it = (count[three][:, near] * alike[three]).sum(axis=1)
+            against = (count[three][:, before] * blocks).sum(axis=1)[with_it > 0].sum()
+            lone = agree == count[i, j] and agree < usual and agree < beside
+            if lone or against >= with_it.sum():
+                expected.append((i, j))
+    found = list(zip(*unlit(radius, level, count, rows, rise, reach), strict=True))
+    assert found == expected
+    assert 20 < len(expected) < 0.15 * radius.size
