@@ -117,15 +117,16 @@ def made(scenario: Scenario, folder: Path) -> Truth:
     return truth
 
 
-def hidden_values(scenario: Scenario, truth: Truth) -> dict[str, float]:
+def hidden_values(scenario: Scenario, truth: Truth, frames_s: np.ndarray) -> dict[str, float]:
     """What identification is to find, by its names."""
     pipe, sensing = scenario.pipe, scenario.sensing
+    seen_mm = truth.pose_at(frames_s[[0, -1]])[:, 2, 3]  # a log shows nothing of the way after its last frame
     out = {
         "diameter_mm": 2 * pipe.bore_radius_mm,
         "ovality_pct": pipe.ovality_pct,
         "inclination_deg": pipe.inclination_deg,
         "frame_rate_hz": sensing.frame_rate_hz,
-        "travel_mm": float(np.ptp(truth.position_mm[:, 2])),
+        "travel_mm": float(np.ptp(seen_mm)),
         "dropped_share": sensing.timing.dropped_share,
         "gyroscope_noise_density": sensing.imu.gyroscope_noise_density,
         "accelerometer_noise_density": sensing.imu.accelerometer_noise_density,
@@ -160,9 +161,11 @@ def hidden_values(scenario: Scenario, truth: Truth) -> dict[str, float]:
     return out | {"edge_jitter_deg": optics.slide_jag_deg / 3, "edge_jitter_cells": float(optics.slide_jag_cells)}
 
 
-def held(found: Identified, scenario: Scenario, truth: Truth) -> Iterator[tuple[str, bool, float]]:
+def held(
+    found: Identified, scenario: Scenario, truth: Truth, frames_s: np.ndarray
+) -> Iterator[tuple[str, bool, float]]:
     """Each quantity: whether its interval holds what was hidden, and by how many half widths it is off."""
-    for name, value in hidden_values(scenario, truth).items():
+    for name, value in hidden_values(scenario, truth, frames_s).items():
         one = found.quantities[name]
         if isinstance(one, Estimate):
             slack = 1e-9 * abs(value)
@@ -199,7 +202,10 @@ def one_log(changes: list[str], seed: int, folder: Path) -> dict[str, Any]:
     outside = {
         line.name: round(line.difference / line.spread, 2) if line.spread else 0.0 for line in lines if not line.inside
     }
-    rows = [(name, bool(inside), float(off)) for name, inside, off in held(done.found, scenario, truth)]
+    rows = [
+        (name, bool(inside), float(off))
+        for name, inside, off in held(done.found, scenario, truth, both[0].frame_stamps_ns / 1e9)
+    ]
     return {"held": rows, "figures": len(lines), "outside": outside, "said": done.found.said}
 
 
