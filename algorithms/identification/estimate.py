@@ -12,6 +12,7 @@ from scipy.stats import chi2, t
 LEVEL = 0.95
 BLOCKS = 8
 LEAST_BLOCKS = 2
+MANY = 8
 NORMAL_95 = 1.959964
 
 
@@ -94,9 +95,14 @@ def t_factor(freedom: int) -> float:
 
 
 def of_variances(variances: Float[np.ndarray, "n"], freedom: float, source: str) -> Estimate:
-    """Standard deviation from variances that each have so many degrees of freedom; chi-squared for the interval."""
+    """Standard deviation from variances that each have so many degrees of freedom; chi-squared for the interval.
+
+    Many of them that scatter by more than chance are worth as much less.
+    """
     total = float(freedom * variances.size)
     variance = float(variances.mean())
+    if variances.size >= MANY:
+        total /= max(float(np.var(variances, ddof=1)) * freedom / (2 * variance**2), 1.0)
     low, high = (np.sqrt(total * variance / chi2.ppf(q, total)) for q in (0.5 + LEVEL / 2, 0.5 - LEVEL / 2))
     return Estimate(float(np.sqrt(variance)), float(low), float(high), int(total), source)
 

@@ -22,6 +22,7 @@ from algorithms.identification.estimate import (
 from algorithms.robust import spread
 from sensor_model.geometry import GRAVITY_M_S2
 
+STRETCHES = 4  # of a rest
 LEAST_REST_S, LEAST_REST_SAMPLES = 1.0, 40
 REST_STEP_MM = 0.011  # of a wheel between two stamps at rest: a count of a fine encoder to and fro
 LEAST_SAMPLES = 60
@@ -93,9 +94,11 @@ def noise_density(imu: Imu, of: str) -> Quantity:
         steps = np.diff(values, axis=0)[rest[1:] & rest[:-1]]
         # a robot that is about to start, or still swings, is not at rest
         steps = steps[(np.abs(steps) <= JOLT_SIGMAS * np.array([spread(axis) for axis in steps.T])).all(axis=1)]
+        # in stretches, of which one may swing more than others
+        parts = np.array([0.5 * np.mean(part**2, axis=0) for part in np.array_split(steps, STRETCHES)])
         # neighbouring differences share a sample, which leaves two thirds of them
         words = "Allan deviation at rest, one sample"
-        found = of_variances(0.5 * np.mean(steps**2, axis=0), 2 / 3 * len(steps), words)
+        found = of_variances(parts.ravel(), 2 / 3 * len(steps) / STRETCHES, words)
         return found.scaled(float(np.sqrt(imu.step_s)))
     if imu.time_s.size < LEAST_SAMPLES:
         return Unknown(f"{imu.time_s.size} samples; {LEAST_SAMPLES} are needed")
