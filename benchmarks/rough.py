@@ -27,7 +27,7 @@ CALIBRATION = (
     "drive.faults=[]",
     "sensing.points.azimuths=36",
 )
-CUT = ("pipe.end_mm=3400", "drive.end_mm=3000", "drive.faults=[{leg: 0, start_s: 40, duration_s: 3}]")
+CUT = ("pipe.end_mm=3400", "drive.end_mm=3000", "drive.faults=[{leg: 0, start_s: 25, duration_s: 3}]")
 CUT_WET_MM = ((500, 900), (1600, 1900), (2500, 2800))
 CUT_JOINTS_MM = (1000.0, 2000.0)
 
