@@ -49,7 +49,9 @@ def identify_log(recording: Recording, walked: Walk) -> Identified:
     way = walked.found.trajectory if walked.found else None
     out = _rates(recording)
     agreed = consensus_mm(rolled, wheels, step_s)
-    out |= _wheel_quantities(wheels, agreed, walked)
+    # encoders speak before the first frame and after the last
+    at_frames_mm = np.interp(recording.frame_stamps_ns, recording.encoder_stamps_ns, agreed)
+    out |= _wheel_quantities(wheels, at_frames_mm, walked)
     out |= _inertial_quantities(imu, recording, way)
     out |= _frame_quantities(recording, walked)
     if isinstance(doubt := out["wheel_common_scale_pct"], Unknown) and "no scale" in doubt.reason:
@@ -129,12 +131,14 @@ def _rates(recording: Recording) -> dict[str, Quantity]:
     return out
 
 
-def _wheel_quantities(wheels: WheelFigures, agreed_mm: Float[np.ndarray, "k"], walked: Walk) -> dict[str, Quantity]:
+def _wheel_quantities(
+    wheels: WheelFigures, at_frames_mm: Float[np.ndarray, "frames"], walked: Walk
+) -> dict[str, Quantity]:
     """Scales in per cent: beside each other by the encoders, all together by what several rings saw of the wall."""
     out: dict[str, Quantity] = {}
     for k, one in enumerate(wheels.scale):
         out[f"wheel{k}_scale_beside_mean_pct"] = one.scaled(100.0)
-    out["wheel_common_scale_pct"] = _common_scale(agreed_mm, walked)
+    out["wheel_common_scale_pct"] = _common_scale(at_frames_mm, walked)
     out["encoder_disagreement_mm"] = wheels.disagreement_mm
     if walked.found is None:
         out["slip_episodes_mm"] = Unknown(walked.failure)
@@ -145,14 +149,14 @@ def _wheel_quantities(wheels: WheelFigures, agreed_mm: Float[np.ndarray, "k"], w
     return out
 
 
-def _common_scale(agreed_mm: Float[np.ndarray, "k"], walked: Walk) -> Quantity:
+def _common_scale(at_frames_mm: Float[np.ndarray, "frames"], walked: Walk) -> Quantity:
     """How much further the robot went than its wheels say, scale and slip that all share in one (%)."""
     if walked.found is None:
         return Unknown(walked.failure)
-    way, counted = walked.found.trajectory, float(np.ptp(agreed_mm))
-    went = float(np.ptp(way.T_pipe_camera[:, 2, 3]))
-    std_pct = 100 * float(np.sqrt(way.covariance[-1, 2, 2])) / max(counted, 1e-9)
-    off_pct = 100 * (went / max(counted, 1e-9) - 1)
+    way, counted_mm = walked.found.trajectory, max(float(np.ptp(at_frames_mm)), 1e-9)
+    went_mm = float(np.ptp(way.T_pipe_camera[:, 2, 3]))
+    std_pct = 100 * float(np.sqrt(way.covariance[-1, 2, 2])) / counted_mm
+    off_pct = 100 * (went_mm / counted_mm - 1)
     if abs(off_pct) > COMMON_PRIOR_PCT:
         return Unknown(f"the filter puts the way {off_pct:+.1f} % off the wheels, which no scale of theirs explains")
     if std_pct > TOLD_PCT:

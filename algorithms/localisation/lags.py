@@ -14,6 +14,7 @@ LAGS = np.arange(-REACH, REACH + 0.5 / STEPS, 1.0 / STEPS)
 FINE = np.arange(-REACH, REACH, 1 / 32)
 CURVE = 2.0  # a profile that is off by so much must fit worse by so many sigmas squared, or it says nothing
 LEAST_GAIN = 25.0
+RISE_SHARE = 0.125  # and by such a share of itself: where the edge lies in shadow it wanders by less than a tenth
 ALIKE = 0.35  # of the profile's power, left unexplained, at most
 FEWEST = 12
 LOOSEST = 1.0  # mm, or bins: less is no measurement, and not spread as a bell either
@@ -86,7 +87,8 @@ def _best(misfit: tuple[np.ndarray, ...], bins: int, noise_mm: float) -> Lag:
         return nothing
     # the lesser of both sides: a single edge beside a shadow bounds a lag, and does not fix it
     rise = min(mean_square[k - away], mean_square[k + away]) - mean_square[k]
-    if rise * count[k] < LEAST_GAIN * max(float(mean_square[k]), noise_mm**2):
+    least = max(float(mean_square[k]), noise_mm**2)
+    if rise < max(LEAST_GAIN / count[k], RISE_SHARE) * least:
         return nothing
     # what is left over the points' noise comes from sampling an edge coarsely, which all bins do together
     unsure = noise_mm**2 + max(float(mean_square[k]) - noise_mm**2, 0.0) * bins
