@@ -57,13 +57,14 @@ def scenario_of(seed: int, sensor: str, pipe: dict[str, Any], end_mm: float, cha
     scenario = scenario.model_copy(update={"pipe": whole})
     if scenario.sensing.points.slide_jag_deg == 0:
         return scenario
-    return scenario.model_copy(update={"rig": slide_corrected(sensor), "true_rig": scenario.rig})
+    corrected = slide_corrected((*SENSORS[sensor], *changes))
+    return scenario.model_copy(update={"rig": corrected, "true_rig": scenario.rig})
 
 
 @lru_cache(maxsize=8)
-def slide_corrected(sensor: str) -> Rig:
-    """The sensor's rig with its slide's jaggedness as learned from one scan of bare wall."""
-    settings = ["sensing.fidelity=points", "pipe.features=[]", *SENSORS[sensor]]
+def slide_corrected(changes: tuple[str, ...]) -> Rig:
+    """The sensor's rig with its slide's jaggedness as learned from one scan of bare wall, sensed as the others are."""
+    settings = ["sensing.fidelity=points", "pipe.features=[]", *changes]
     scenario = load_scenario("paper-gantry", settings, 90_001)
     with recorded(scenario) as recording:
         chosen = np.unique(np.linspace(0, len(recording) - 1, LEARNED_FRAMES).round().astype(int)).tolist()

@@ -110,7 +110,7 @@ def draw_board(
     # cached compiled code takes a plain array, whatever the sheet was made from
     sheet = np.ascontiguousarray(board.reflectance)
     _draw_board(sheet, board.corner_mm, board.bend_per_m, inverse(T_camera_board), view, light(rig.projector, optics),
-                rig.projector.jag_table_rad, np.array(optics.wall_reflectance), rays, rings, picture)  # fmt: skip
+                rig.projector.printed_jag_rad, np.array(optics.wall_reflectance), rays, rings, picture)  # fmt: skip
     return picture
 
 

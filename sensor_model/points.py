@@ -113,7 +113,7 @@ def fan(projector: Projector, azimuths: int, jag_deg: float = 0.0, jag_cells: in
     slit, azimuth = (grid.ravel() for grid in np.meshgrid(np.arange(len(projector.slits)), around, indexing="ij"))
     alpha = projector.slit_half_angles_rad[slit]
     if projector.jag_table_rad.size:
-        alpha = alpha + jag_rad(projector.jag_table_rad, slit, azimuth)
+        alpha = alpha + jag_rad(projector.printed_jag_rad, slit, azimuth)
     if jag_deg > 0:
         alpha = alpha + np.radians(jag_deg) * slit_shifts(slit, azimuth, jag_cells)
     rays = np.stack([np.sin(alpha) * np.sin(azimuth), -np.sin(alpha) * np.cos(azimuth), np.cos(alpha)], axis=-1)

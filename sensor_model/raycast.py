@@ -57,7 +57,7 @@ def draw(pipe: Pipe, T_pipe_camera: Float[np.ndarray, "4 4"], rig: Rig, optics: 
     wall = near_wall(pipe, float(T_pipe_camera[2, 3]))
     rays = camera_rays(rig.camera)
     picture = np.zeros(rays.shape, dtype=np.float32)
-    _draw(wall, view, light(rig.projector, optics), rig.projector.jag_table_rad, rays, picture)
+    _draw(wall, view, light(rig.projector, optics), rig.projector.printed_jag_rad, rays, picture)
     return picture
 
 

@@ -53,10 +53,11 @@ class Slit(Settings):
 
     name: Annotated[str, Field(pattern="^[RYB][RYB]$")]
     half_angle_deg: Annotated[float, Field(gt=1, lt=80)]
-    jag_deg: Annotated[tuple[Annotated[float, Field(gt=-2, lt=2)], ...], Field(max_length=3600)] = ()
+    jag_deg: Annotated[tuple[Annotated[float, Field(gt=-2, lt=2)] | None, ...], Field(max_length=3600)] = ()
     """The slide's own jaggedness, as calibrated: what the half angle has beyond its mean, evenly around the slide.
 
-    The first value is of the cell that begins at 12 o'clock; they go clockwise. Empty: a smooth cone.
+    The first value is of the cell that begins at 12 o'clock; they go clockwise. None: what was not learned, from which
+    no point is made. Empty: a smooth cone.
     """
     apex_mm: Annotated[Vector3 | None, Field(exclude_if=lambda apex: apex is None)] = None
     """Where this slit's light seems to come from, if not from the projector's apex: a glass tube moves it."""
@@ -114,8 +115,17 @@ class Projector(Settings):
 
     @cached_property
     def jag_table_rad(self) -> Float[np.ndarray, "slits cells"]:
-        """What the half angle of every slit has beyond its mean, by azimuth from 12 o'clock; no cells: smooth cones."""
-        return np.radians([s.jag_deg for s in self.slits]).reshape(len(self.slits), -1)
+        """What the half angle of every slit has beyond its mean, by azimuth from 12 o'clock; no cells: smooth cones.
+
+        NaN where it is not known.
+        """
+        table = np.array([s.jag_deg for s in self.slits], dtype=float)  # None becomes NaN
+        return np.radians(table).reshape(len(self.slits), -1)
+
+    @cached_property
+    def printed_jag_rad(self) -> Float[np.ndarray, "slits cells"]:
+        """`jag_table_rad` as it is drawn: smooth where it is not known."""
+        return np.nan_to_num(self.jag_table_rad)
 
     def of_slit(self, slit: int) -> Projector:
         """The projector whose only apex is that of one of its slits."""

@@ -129,7 +129,7 @@ def slide_table(beam: Light) -> tuple[Float[np.ndarray, "1 texels 4"], Float[np.
 
 def print_table(projector: Projector) -> Float[np.ndarray, "slits cells 4"]:
     """The rig's own jaggedness, rad, in the first of four channels; a cell of zero where it has none."""
-    jag_rad = projector.jag_table_rad
+    jag_rad = projector.printed_jag_rad
     table = np.zeros((len(projector.slits), max(jag_rad.shape[1], 1), 4), dtype=np.float32)
     table[:, : jag_rad.shape[1], 0] = jag_rad
     return table

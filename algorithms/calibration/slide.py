@@ -56,8 +56,8 @@ def learn_slide(views: Sequence[PipeView], rig: Rig) -> SlideCalibration:
 
 
 def with_jag(rig: Rig, table_rad: Float[np.ndarray, "slits cells"]) -> Rig:
-    """The rig with this correction."""
-    degrees = np.degrees(table_rad).round(5).tolist()
+    """The rig with this correction; NaN: not known."""
+    degrees = [[None if np.isnan(jag) else round(jag, 5) for jag in row] for row in np.degrees(table_rad).tolist()]
     slits = tuple(
         slit.model_copy(update={"jag_deg": tuple(row)}) for slit, row in zip(rig.projector.slits, degrees, strict=True)
     )

@@ -34,9 +34,9 @@ ALIKE_MARGIN = 3  # cells on either side
 class ScanSlide:
     """The correction learned from a whole scan, and what the one learned from either half does to the other half.
 
-    `plain_mm` and `corrected_mm` are the robust residuals of the points of left-out frames about each one's cylinder.
-    `alike_mm` is where all slits see the wall stand off alike, as on a groove along the pipe: no part of the
-    correction, and 0 elsewhere.
+    It is NaN where too few frames saw a place of the slide, as at the strut's edge. `plain_mm` and `corrected_mm` are
+    the robust residuals of the points of left-out frames about each one's cylinder. `alike_mm` is where all slits see
+    the wall stand off alike, as on a groove along the pipe: no part of the correction, and 0 elsewhere.
     """
 
     table_rad: Float[np.ndarray, "slits cells"]
@@ -116,10 +116,10 @@ def residual_mm(frames: Sequence[SlitPixels], rig: Rig) -> float:
 
 def _taught(frames: Sequence[SlitPixels], smooth: Rig) -> _Lesson:
     shape = len(smooth.projector.slits), JAG_CELLS
-    table, unused_share, lever = np.zeros(shape), 0.0, np.zeros(shape)
+    table, unused_share, lever, known = np.zeros(shape), 0.0, np.zeros(shape), np.zeros(0, dtype=bool)
     for _ in range(ROUNDS):
         sights = _all_sights(frames, with_jag(smooth, table))
-        step, clean = clean_medians(sights.excess_rad, sights.place, table.size)
+        step, clean, known = clean_medians(sights.excess_rad, sights.place, table.size)
         lever, weight, ahead = (
             _means(values, sights.place, table.size).reshape(shape)
             for values in (sights.per_rad_mm, sights.weight, sights.ahead_mm)
@@ -127,7 +127,8 @@ def _taught(frames: Sequence[SlitPixels], smooth: Rig) -> _Lesson:
         table = _without_pose(table + step.reshape(shape), lever, weight, ahead)
         unused_share = 1 - np.count_nonzero(clean) / clean.size
     alike = _alike_mm(table * lever)
-    return _Lesson(table - _over(np.broadcast_to(alike, shape), lever), unused_share, alike)
+    table = table - _over(np.broadcast_to(alike, shape), lever)
+    return _Lesson(np.where(known.reshape(shape), table, np.nan), unused_share, alike)
 
 
 def _all_sights(frames: Sequence[SlitPixels], rig: Rig) -> _Sights:
@@ -212,16 +213,19 @@ def _off_the_bore_mm(points: RingPoints, alignment: Alignment) -> Float[np.ndarr
 
 def clean_medians(
     excess: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places: int
-) -> tuple[Float[np.ndarray, "places"], Bool[np.ndarray, "n"]]:
-    """Median at each place of what is left once defects and joints are cut, and what is left; 0 where too few are."""
+) -> tuple[Float[np.ndarray, "places"], Bool[np.ndarray, "n"], Bool[np.ndarray, "places"]]:
+    """Median at each place of what is left once defects and joints are cut, and what is left.
+
+    The median is 0 where too few are left, which the last array tells apart.
+    """
     off = np.abs(excess - _medians(excess, place, places)[place])
     slit, scale = place // JAG_CELLS, np.zeros(places // JAG_CELLS)
     for j in range(scale.size):
         mine = off[slit == j]
         scale[j] = MAD_TO_SIGMA * float(np.median(mine)) if mine.size else 0.0
     clean = off <= CUT_SIGMAS * scale[slit]
-    count = np.bincount(place[clean], minlength=places)
-    return np.where(count >= LEAST_SIGHTS, _medians(excess[clean], place[clean], places), 0.0), clean
+    known = np.bincount(place[clean], minlength=places) >= LEAST_SIGHTS
+    return np.where(known, _medians(excess[clean], place[clean], places), 0.0), clean, known
 
 
 def _medians(values: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places: int) -> Float[np.ndarray, "places"]:

@@ -14,7 +14,7 @@ from algorithms.identification.inertial import WINDOW_S, Imu
 from sensor_model.rig import ImuMount
 
 BAND_EDGES_HZ = (2.5, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
-LEAK = 0.3  # of a bin
+FINE_BINS = 16  # to a bin, in which the taper's leakage is taken
 HANN_BINS = 1.5  # neighbouring bins of a tapered window that tell as much as one
 SWING_STD = 0.15  # of what turning is taken to do to the forces: the band is taken for evenly filled
 
@@ -32,7 +32,8 @@ class Band:
 def vibration(imu: Imu, mount: ImuMount, gyro_noise: Estimate, force_noise: Estimate) -> list[Band]:
     """Shaking of the camera in motion by octaves; nothing for a log that is too short.
 
-    What the white noise gives is taken off, and from the forces what turning the IMU about the camera does to them.
+    What the white noise gives is taken off, what a window's taper carries over from the neighbouring bands, and from
+    the forces what turning the IMU about the camera does to them.
     """
     nyquist = 0.5 / imu.step_s
     edges = [edge for edge in BAND_EDGES_HZ if edge < 0.95 * nyquist]
@@ -42,22 +43,28 @@ def vibration(imu: Imu, mount: ImuMount, gyro_noise: Estimate, force_noise: Esti
     edges.append(nyquist)
     gyro, force = (values @ mount.R_camera_imu.T for values in (imu.gyro_rad_s, imu.force_m_s2))
     lever_m = np.array(mount.position_camera_mm) / 1e3
+    mixing = _mixing(windows[0].stop - windows[0].start, imu.step_s, edges)
     powers = [_powers(values, windows, imu.step_s, edges) for values in (force, gyro)]
+    shown = [np.mean(power, axis=0) for power in powers]
+    own = [np.linalg.solve(mixing, power) for power in shown]
     bands = []
     for k, (low, high) in enumerate(pairwise(edges)):
         swing = _swing(low, high, lever_m, force[imu.moving].mean(axis=0))
         words = f"{low:g} to {high:.3g} Hz in motion, white noise taken off"
         bins = (high - low) * WINDOW_S / HANN_BINS
         white = [_white(noise, high - low) for noise in (force_noise, gyro_noise)]
-        turning = np.maximum(powers[1][:, k].mean(axis=0) - white[1][0], 0)
-        swung = swing @ turning
-        leaks = [_leaked(power.mean(axis=0), k, edges) for power in powers]
+        swung = swing @ np.maximum(own[1][k] - white[1][0], 0)
+        mixed = [all_shown[k] - power[k] for all_shown, power in zip(shown, own, strict=True)]
+        leaks = [_leaked(power, k, mixing) / np.sqrt(len(windows)) for power in own]
         taken = [
-            (white[0][0] + one, float(np.linalg.norm([white[0][1], SWING_STD * one, leak])))
-            for one, leak in zip(swung, leaks[0], strict=True)
+            (white[0][0] + mix + one, float(np.linalg.norm([white[0][1], SWING_STD * one, leak])))
+            for one, mix, leak in zip(swung, mixed[0], leaks[0], strict=True)
         ]
         forces = tuple(_rms(powers[0][:, k, axis], bins, *taken[axis], words) for axis in range(3))
-        about_axes = [(white[1][0], float(np.hypot(white[1][1], leak))) for leak in leaks[1]]
+        about_axes = [
+            (white[1][0] + mix, float(np.hypot(white[1][1], leak)))
+            for mix, leak in zip(mixed[1], leaks[1], strict=True)
+        ]
         rates = tuple(_rms(powers[1][:, k, axis], bins, *about_axes[axis], words) for axis in range(3))
         bands.append(Band(low, high, forces, rates))
     return bands
@@ -75,10 +82,25 @@ def _windows(imu: Imu) -> list[slice]:
     return out
 
 
-def _leaked(power: Float[np.ndarray, "bands 3"], k: int, edges: list[float]) -> Float[np.ndarray, "3"]:
-    """Power that the taper may have carried over a band's edges: a part of each neighbour's nearest bin."""
-    near = [j for j in (k - 1, k + 1) if 0 <= j < len(power)]
-    return np.sum([LEAK * power[j] / ((edges[j + 1] - edges[j]) * WINDOW_S) for j in near], axis=0)
+def _mixing(samples: int, step_s: float, edges: list[float]) -> Float[np.ndarray, "bands bands"]:
+    """Which share of the power of each band (columns), evenly filled, a tapered window shows in each (rows)."""
+    fine = 2 * FINE_BINS * samples
+    spread = np.abs(np.fft.fft(np.hanning(samples), fine)) ** 2
+    hz = np.fft.rfftfreq(samples, step_s)
+    # every other fine frequency, so that none lies on an edge
+    fine_hz = np.arange(1, fine // 2, 2) / (fine * step_s)
+    offset = np.round((hz[:, None] - fine_hz) * fine * step_s).astype(np.int64)
+    shown = spread[offset % fine]
+    shown /= shown.sum(axis=0)
+    inside = [(hz >= a) & (hz < b) for a, b in pairwise(edges)]
+    filled = [(fine_hz >= a) & (fine_hz < b) for a, b in pairwise(edges)]
+    return np.array([[shown[np.ix_(rows, columns)].sum(axis=0).mean() for columns in filled] for rows in inside])
+
+
+def _leaked(power: Float[np.ndarray, "bands 3"], k: int, mixing: np.ndarray) -> Float[np.ndarray, "3"]:
+    """Power that a window's own share of the neighbours' bins nearest to a band differs by from what is taken off."""
+    others = np.arange(len(power)) != k
+    return np.sqrt(np.sum((mixing[k, others, None] * power[others]) ** 2, axis=0))
 
 
 def _white(noise: Estimate, width_hz: float) -> tuple[float, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -115,6 +117,24 @@ def test_shaking_is_found_in_its_band_and_the_lever_s_part_is_not_the_camera_s()
     swung = float(np.abs(speed_up).std() * np.linalg.norm(lever_m))
     assert all(one.low < 0.2 * swung for one in band.force_m_s2)
     assert vibration(imu(0.9), mount, ZERO, ZERO) == []
+
+
+def test_a_weak_band_beside_a_strong_one_is_not_taken_for_its_leakage():
+    held, off = 0, []
+    for seed in range(30):
+        quiet, rng = imu(7.0, 0.0, 1.0), np.random.default_rng(seed)
+        n = quiet.time_s.size
+        hz = np.fft.rfftfreq(n, 1 / RATE_HZ)
+        rate = np.zeros(n)
+        for (low, high), rms in (((5, 10), 0.02), ((10, 20), 0.006), ((20, 40), 0.02)):
+            part = np.fft.irfft(np.fft.rfft(rng.standard_normal(n)) * ((hz >= low) & (hz < high)), n)
+            rate += rms * part / part.std()
+        log = replace(quiet, gyro_rad_s=np.outer(rate, preset_rig().imu.R_camera_imu[0]))
+        weak = next(one for one in vibration(log, preset_rig().imu, ZERO, ZERO) if one.from_hz == 10).rate_rad_s[0]
+        held += weak.low <= 0.006 <= weak.high
+        off.append(weak.value / 0.006)
+    assert held >= 26
+    assert np.mean(np.square(off)) == pytest.approx(1, abs=0.3)  # with all that leaks in it would be 2
 
 
 def rolled(seconds: float = 10.0) -> np.ndarray:

@@ -12,11 +12,12 @@ from algorithms.calibration.pipe_view import fit_cylinder
 from algorithms.calibration.slide import with_jag
 from algorithms.calibration.slide_in_scan import clean_medians, learn_slide_from_scan, radius_per_rad
 from algorithms.triangulate import triangulate
+from scenarios.calibration.rig_file import write_rig
 from scenarios.cli import app
 from scenarios.document import BadInput
 from scenarios.load import load_scenario
 from scenarios.run import run
-from sensor_model.geometry import apply
+from sensor_model.geometry import apply, projector_azimuth_rad
 from sensor_model.points import PointNoise, see_slits
 from sensor_model.rig import Rig, load_settings, preset_rig
 from twin.pipe import Pipe
@@ -68,7 +69,7 @@ def test_a_jagged_slide_is_learned_from_the_scan_s_own_wall(smooth, tmp_path):
     open_mm = json.loads((smooth / "score.json").read_text())["depth_error_mm_max"]
     assert after["depth_error_mm_max"] - open_mm < (before["depth_error_mm_max"] - open_mm) / 3
     assert (after["defects_found"], after["false_calls"]) == (6, 0)
-    known = learned.projector.jag_table_rad != 0
+    known = np.isfinite(learned.projector.jag_table_rad)
     assert known.mean() > 0.8
     off = (learned.projector.jag_table_rad - JAG_RAD)[known]
     assert np.std(off) < 0.2 * np.std(JAG_RAD)
@@ -138,7 +139,26 @@ def test_what_passes_by_a_place_is_cut():
     place = np.repeat(np.arange(0, 720, 2), 40)
     excess = 0.01 * (place == 40) + 1e-4 * rng.standard_normal(place.size)
     passing = rng.random(place.size) < 0.2
-    median, clean = clean_medians(np.where(passing, excess + 0.005, excess), place, 720)
+    median, clean, known = clean_medians(np.where(passing, excess + 0.005, excess), place, 720)
     assert not clean[passing].any()
     assert median[40] == pytest.approx(0.01, abs=1e-4)
     assert np.abs(np.delete(median, 40)).max() < 1e-4
+    assert known[::2].all()
+    assert not known[1::2].any()
+
+
+def test_no_point_is_made_where_the_slide_is_not_known(tmp_path):
+    table = np.zeros((8, 360))
+    table[:, 100:110] = np.nan
+    write_rig(with_jag(RIG, table), tmp_path / "rig.yaml")
+    rig = load_settings(Rig, tmp_path / "rig.yaml")
+    pipe = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5, start_mm=-400, end_mm=900)
+    seen = see_slits(pipe, np.eye(4), rig, PointNoise(), np.random.default_rng(0))
+    with_all, without = (
+        np.degrees(projector_azimuth_rad(triangulate(seen, one).xyz_mm, one.projector.T_camera_projector)) % 360
+        for one in (RIG, rig)
+    )
+    assert np.count_nonzero((with_all > 100) & (with_all < 110)) > 100
+    assert not np.any((without > 100) & (without < 110))
+    kept, all_kept = (one[np.abs(one - 105) > 6] for one in (without, with_all))
+    np.testing.assert_allclose(kept, all_kept)
