@@ -8,9 +8,9 @@ import numpy as np
 
 from algorithms.large_arrays import let_go, room
 
-Cells = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-KINDS = (np.float64, np.float32, np.float32, np.int32)
-"""A block's radius, spread, sigma and count."""
+Cells = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+KINDS = (np.float64, np.float32, np.float32, np.int32, np.float32)
+"""A block's radius, spread, sigma, count and slope of the light."""
 MOST_CELLS = 2**20  # in memory
 
 
@@ -60,10 +60,10 @@ def kept(blocks: ClosedBlocks, number: int, shape: tuple[int, int]) -> Cells | N
     held = blocks.place[number].copy()
     let_go(blocks.place[number])
     ends = np.cumsum([0] + [shape[0] * shape[1] * np.dtype(kind).itemsize for kind in KINDS])
-    radius, spread, sigma, count = (
+    radius, spread, sigma, count, slope = (
         held[ends[k] : ends[k + 1]].view(kind).reshape(shape) for k, kind in enumerate(KINDS)
     )
-    return radius, spread, sigma, count
+    return radius, spread, sigma, count, slope
 
 
 def copied(blocks: ClosedBlocks) -> ClosedBlocks:

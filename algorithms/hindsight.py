@@ -79,8 +79,8 @@ def straightened(
     from_row = np.rint(np.interp(rows * step, goes_to, np.arange(wall.z_mm.size))).astype(np.int64)
     cells = wall.theta_rad.size
     shift = np.rint(about_rad[from_row] / (2 * np.pi) * cells).astype(np.int64)
-    names = ("radius_mm", "spread_mm", "sigma_mm", "count")
-    before = [getattr(wall, name) for name in names]
+    names = ("radius_mm", "spread_mm", "sigma_mm", "count", "light_slope")
+    before = [part for name in names if (part := getattr(wall, name)) is not None]
     after = [room((cells, rows.size), part.dtype) for part in before]
     for part in pieces(*after, *before):
         column = np.mod(np.arange(cells)[:, None] - shift[None, part], cells)

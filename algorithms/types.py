@@ -75,7 +75,9 @@ def failed(prior: Alignment, points: int, reason: str) -> Alignment:
 class WallMap:
     """The wall unrolled: cells around (theta) by along (z), NaN or 0 where nothing was seen.
 
-    `spread_mm` is how far a cell's points scatter, `sigma_mm` the standard deviation that a typical one of them states.
+    `spread_mm` is how far a cell's points scatter, `sigma_mm` the standard deviation that a typical one of them states,
+    `light_slope` how far outward the steepest of the light that its points saw goes in a millimetre along the pipe;
+    None in a map that was read from a file.
     """
 
     theta_rad: Float[np.ndarray, "around"]
@@ -84,6 +86,7 @@ class WallMap:
     spread_mm: Float[np.ndarray, "around along"]
     sigma_mm: Float[np.ndarray, "around along"]
     count: Int[np.ndarray, "around along"]
+    light_slope: Float[np.ndarray, "around along"] | None = None
 
     @property
     def seen(self) -> Bool[np.ndarray, "around along"]:

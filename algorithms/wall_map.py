@@ -23,7 +23,7 @@ INWARD_SHARE = 0.6  # what comes nearer to the axis than this share of the radiu
 # nor is what lies further outside than the wall is thick, and this for noise, or so many of its own deviations: of
 # points on a floor as deep as the wall a nearer limit would take the outer ones alone, and make it shallower
 OUTWARD_MM, OUTWARD_SIGMAS = 1.0, 2.0
-WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32)])
+WAITING = np.dtype([("cell", np.int32), ("radius", np.float32), ("weight", np.float32), ("slope", np.float32)])
 MOST_WAITING = 2**20  # in all blocks: a robot that stands, or goes to and fro, must not fill the memory
 MOST_EMPTY = 1000  # blocks
 FEW = 40  # up to so many points are sorted fastest by moving each to its place
@@ -121,13 +121,14 @@ def _by_block(xyz_camera, direction, sigma_mm, kept, T, grid):
     """
     around, along, cell_z_mm = grid
     n, k = np.count_nonzero(kept), 0
-    block, packed, place = np.empty(n, dtype=np.int64), np.empty(n, dtype=WAITING), np.empty((kept.size, 4))
+    block, packed, place = np.empty(n, dtype=np.int64), np.empty(n, dtype=WAITING), np.empty((kept.size, 5))
     # first all, which the processor does several at a time
     for i in range(kept.size):
         x, y, z = _in_pipe(T, xyz_camera[i, 0], xyz_camera[i, 1], xyz_camera[i, 2], 1.0)
-        lx, ly, _ = _in_pipe(T, direction[i, 0], direction[i, 1], direction[i, 2], 0.0)
+        lx, ly, lz = _in_pipe(T, direction[i, 0], direction[i, 1], direction[i, 2], 0.0)
         rho = np.sqrt(x * x + y * y)
         slant = abs(lx * x + ly * y) / rho
+        place[i, 4] = slant / lz if lz > 0.0 else np.inf
         place[i, 0] = np.floor(fast_arctan2(x, -y) / (2.0 * np.pi) * around)
         place[i, 1], place[i, 2] = np.floor(z / cell_z_mm), rho
         place[i, 3] = slant if slant > 0.05 else 0.05
@@ -139,7 +140,7 @@ def _by_block(xyz_camera, direction, sigma_mm, kept, T, grid):
         block[k] = row // along
         column = column + around if column < 0 else column - around if column >= around else column
         packed[k].cell = column * along + row - block[k] * along
-        packed[k].radius, packed[k].weight = place[i, 2], 1.0 / (sigma * sigma)
+        packed[k].radius, packed[k].weight, packed[k].slope = place[i, 2], 1.0 / (sigma * sigma), place[i, 4]
         k += 1
     first = block.min()
     ends = np.cumsum(np.bincount(block - first))
@@ -185,19 +186,19 @@ def _cells(builder: MapBuilder, block: int) -> Cells | None:
     if block not in builder.waiting:
         return before
     reduced = _reduce(np.concatenate(builder.waiting[block]), around * along)
-    radius, spread, sigma, count = (
+    radius, spread, sigma, count, slope = (
         part.astype(kind).reshape(around, along) for part, kind in zip(reduced, KINDS, strict=True)
     )
-    cells = radius, spread, sigma, count
+    cells = radius, spread, sigma, count, slope
     return cells if before is None else _joined(before, cells)
 
 
 def _joined(a: Cells, b: Cells) -> Cells:
-    """Cells of both: the radius by the numbers of points, the larger of spreads and deviations."""
+    """Cells of both: the radius by the numbers of points, the larger of spreads, deviations and slopes."""
     count = a[3] + b[3]
     share = np.divide(b[3], count, out=np.zeros(count.shape), where=count > 0)
     radius = np.where(a[3] == 0, b[0], np.where(b[3] == 0, a[0], (1 - share) * a[0] + share * b[0]))
-    return radius, np.fmax(a[1], b[1]), np.fmax(a[2], b[2]), count
+    return radius, np.fmax(a[1], b[1]), np.fmax(a[2], b[2]), count, np.fmax(a[4], b[4])
 
 
 class MapTorn(ValueError):
@@ -214,16 +215,16 @@ def finish_map(builder: MapBuilder) -> WallMap:
     around, along = builder.shape
     held = builder.waiting.keys() | builder.done.numbers
     blocks = range(min(held), max(held) + 1) if held else range(0)
-    radius, spread, sigma, count = whole = [room((around, len(blocks) * along), kind) for kind in KINDS]
+    radius, spread, sigma, count, slope = whole = [room((around, len(blocks) * along), kind) for kind in KINDS]
     for part in pieces(*whole, rows=along):
         for row in range(part.start, part.stop, along):
-            cells = _cells(builder, blocks[row // along]) or (np.nan, np.nan, np.nan, 0)
+            cells = _cells(builder, blocks[row // along]) or (np.nan, np.nan, np.nan, 0, np.nan)
             for laid, own in zip(whole, cells, strict=True):
                 laid[:, row : row + along] = own
     builder.waiting, builder.done, builder.held = {}, ClosedBlocks(), 0
     theta = (np.arange(around) + 0.5) * 2 * np.pi / around
     z = (np.arange(len(blocks) * along) + (blocks[0] * along if blocks else 0) + 0.5) * builder.settings.cell_z_mm
-    return WallMap(theta, z, radius, spread, sigma, count)
+    return WallMap(theta, z, radius, spread, sigma, count, slope)
 
 
 def _check_span(builder: MapBuilder) -> None:
@@ -239,14 +240,16 @@ def _check_span(builder: MapBuilder) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _reduce(points, cells):
-    """Weighted median, spread (MAD) and typical sigma of the radii in each cell, and their count.
+    """Weighted median, spread (MAD) and typical sigma of the radii in each cell, their count, and the steepest light.
 
     Points are records like `WAITING`, in any order.
     """
     radius, spread, sigma = np.full(cells, np.nan), np.full(cells, np.nan), np.full(cells, np.nan)
-    count = np.zeros(cells, dtype=np.int64)
+    count, slope = np.zeros(cells, dtype=np.int64), np.full(cells, np.nan)
     for point in points:
         count[point.cell] += 1
+        if not slope[point.cell] > point.slope:
+            slope[point.cell] = point.slope
     place = np.cumsum(count) - count
     values, weights = np.empty(points.size), np.empty(points.size)
     for point in points:
@@ -260,7 +263,7 @@ def _reduce(points, cells):
         radius[cell] = _weighted_median(values, weights, begin, end)
         spread[cell] = MAD_TO_SIGMA * _median_distance(values, begin, end, radius[cell])
         sigma[cell] = 1.0 / np.sqrt(np.mean(weights[begin:end]))
-    return radius, spread, sigma, count
+    return radius, spread, sigma, count, slope
 
 
 @njit(cache=True, error_model="numpy")

@@ -35,11 +35,15 @@ BORE_STD_MM = 0.018  # the local bore, from which depth is counted
 
 
 class Floor(NamedTuple):
-    """The deepest place, its standard deviation, and whether light reached it: if not, the depth is a least one."""
+    """The deepest place, its standard deviation, and whether light reached it: if not, the depth is a least one.
+
+    `cone` is how like a cone the defect is, 0 to 1.
+    """
 
     depth_mm: float
     std_mm: float
     seen: bool
+    cone: float = 0.0
 
 
 def visible_depth_mm(length_mm: float, steepest_light_rad: float) -> float:
@@ -79,7 +83,7 @@ def floor_of(
     # two guesses, a bowl's and a cone's: what each leaves open, and how far they are apart
     share, apart = tip.share, tip.depth_mm - depth
     variance = (1 - share) * open_**2 + share * (TIP_OPEN * tip.lost_mm) ** 2 + share * (1 - share) * apart**2
-    return Floor(depth + share * apart, float(np.sqrt(std**2 + variance)), True)
+    return Floor(depth + share * apart, float(np.sqrt(std**2 + variance)), True, share)
 
 
 class Tip(NamedTuple):

@@ -27,6 +27,8 @@ from algorithms.types import Defect, WallMap
 from sensor_model.recording import NominalPipe
 from sensor_model.settings import Settings
 
+ONCE_SHARE = 0.5  # of the usual number of points
+FIRM_CELLS = 36  # of a defect: with fewer left all of them are taken
 BLUNT = 1.5  # times the usual standard deviation of points: a cell that the innermost slits alone have seen
 JOIN_SHARE = 0.5  # of the threshold: what is so deep between groups of cells beyond it makes them one
 AROUND_SHARE = 0.95  # of the lines seen: crossed on so many, a groove goes around the pipe
@@ -155,6 +157,15 @@ def _window(
     return Window(deviation, noise, sigma, inside, middle + first, begin)
 
 
+def _firm(wall: WallMap, window: Window) -> Bool[np.ndarray, "around along"]:
+    """The defect's cells without those that hardly any point saw, as it is with a slit astray; all, if few are left."""
+    columns = np.arange(window.first_column, window.first_column + window.deviation_mm.shape[0]) % wall.theta_rad.size
+    rows = slice(window.first_row, window.first_row + window.deviation_mm.shape[1])
+    count = wall.count[columns, rows]
+    firm = window.inside & (count > ONCE_SHARE * np.median(count[count > 0]))
+    return firm if np.count_nonzero(firm) >= max(FIRM_CELLS, 0.5 * np.count_nonzero(window.inside)) else window.inside
+
+
 def measure_one(
     wall: WallMap, scanned: slice, window: Window, pipe: NominalPipe, steepest_light_rad: float, limit_pct: float
 ) -> Defect:
@@ -162,8 +173,9 @@ def measure_one(
     deviation, inside = window.deviation_mm, window.inside
     cell_z, cell_arc = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm)
     blunt = window.sigma_mm > BLUNT * np.nanmedian(window.sigma_mm)
+    firm = _firm(wall, window)
     for lit in (True, False):
-        depth = floor_of(deviation, inside, blunt, window.noise_mm, (cell_z, cell_arc), lit)
+        depth = floor_of(deviation, firm, blunt, window.noise_mm, (cell_z, cell_arc), lit)
         axial, arc, floor = outline_of(deviation, inside, blunt, depth, (cell_z, cell_arc), steepest_light_rad)
         columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
         whole = np.arange(columns[0], columns[-1] + 1), np.arange(rows[0], rows[-1] + 1)

@@ -11,6 +11,7 @@ from algorithms.sizing.depth import LARGE_CELLS, Floor
 from algorithms.sizing.edges import Extent, edges_of, extent_of
 
 OPEN_MM = 0.05  # a depth known better moves no edge
+CONE_OPEN_MM = 1.0  # of a cone's length: half of it lies in its own shadow, and few lines cross it near its middle
 PARTWAY_SHARE = 0.9  # of the level: so near to it a place is neither wall nor floor
 
 
@@ -42,6 +43,8 @@ def outline_of(
     blurred = blunt & (np.abs(deviation - level) < PARTWAY_SHARE * level)
     sharp = np.where(blurred, np.nan, deviation)
     outline = _at(deviation, sharp, inside, level, cell_mm, steepest_light_rad)
+    open_mm = float(np.hypot(outline.axial.std_mm, CONE_OPEN_MM * depth.cone))
+    outline = outline._replace(axial=outline.axial._replace(std_mm=open_mm))
     higher = level + 0.5 * depth.std_mm
     if depth.std_mm < OPEN_MM or higher >= 2 * most:
         return outline

@@ -12,39 +12,41 @@ from algorithms.types import WallMap
 
 BLOCK_MM = 200.0  # whose medians are taken for the bore
 REACH_MM = 2.0  # along the wall: what lies so near should agree
-AGREE_SHARE = 0.75  # of a place's depth: what is so deep agrees with it
+WIDE_MM = 4.0  # and one that stands alone on its line has none so near
+SPIKE, SPIKE_SHARE = 3, 0.5  # nor has a floor places with so many times fewer points, of whose depth it is so much
+AGREE_SHARE = 0.85  # of a place's depth: what is so deep agrees with it
 MARGIN_MM, MARGIN_SIGMAS = 0.1, 3.0  # of how far the block's cells scatter
 
 
 def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
     """Empty the cells of a map that hold false slits alone, in place.
 
-    Light comes from the scan's beginning, no steeper than the widest half angle: wall that was seen before a place and
-    stands in its light says that the place is none, unless more points beside it say that it is. Nor is one that fewer
-    points saw than see the usual cell, where others near it along the pipe are shallower, and none as deep. Both are
-    what a decoder makes of a shadow's end, or of light that comes out of the wall beside where it went in.
+    Light comes from the scan's beginning, as steep as the cell's own points have it, or (in a map that does not know)
+    as the widest half angle: wall that was seen before a place and stands in its light says that the place is none,
+    unless more points beside it say that it is. Nor is one that fewer points saw than see the usual cell, where others
+    near it along the pipe are shallower and none as deep; nor one that stands out of a floor which far more points saw.
+    All are what a decoder makes of a shadow's end, or of light that comes out of the wall beside where it went in.
     """
     cell = wall.cell_z_mm
-    block, reach, rise = (
-        max(round(BLOCK_MM / cell), 1),
-        round(REACH_MM / cell),
-        cell * float(np.tan(steepest_light_rad)),
-    )
+    block, reach, wide = (round(length / cell) for length in (max(BLOCK_MM, cell), REACH_MM, WIDE_MM))
+    slope = wall.light_slope
+    if slope is None:
+        slope = np.broadcast_to(np.float32(np.tan(steepest_light_rad)), wall.count.shape)
     whole = wall.radius_mm, wall.spread_mm, wall.sigma_mm, wall.count
     for part in pieces(*whole, rows=block):
         for first in range(part.start, part.stop, block):
             last = min(first + block, part.stop)
             level = seen_medians(wall.radius_mm, first, last)
-            false = unlit(wall.radius_mm, level, wall.count, (first, last), rise, reach)
+            false = unlit(wall.radius_mm, level, wall.count, slope, (first, last), cell, (reach, wide))
             for values in whole[:3]:
                 values[false] = np.nan
             wall.count[false] = 0
 
 
 @njit(cache=True, error_model="numpy")
-def unlit(radius, level, count, rows, rise, reach):
-    """Columns and rows of the false cells in a stretch of rows; light gains a depth `rise` from row to row."""
-    around, along = radius.shape
+def unlit(radius, level, count, slope, rows, cell_mm, reaches):
+    """Columns and rows of the false cells in a stretch of rows."""
+    (around, along), (reach, wide) = radius.shape, reaches
     some = count[:, rows[0] : rows[1]].ravel()
     some = some[some > 0]
     if some.size == 0:
@@ -61,28 +63,34 @@ def unlit(radius, level, count, rows, rise, reach):
     n = 0
     for i in range(around):
         for j in range(rows[0], rows[1]):
-            depth = radius[i, j] - level[i]
+            depth, rise = radius[i, j] - level[i], cell_mm * slope[i, j]  # that light gains from row to row
             # a row is as wide as its cells: wall at the end of one, and a floor at the beginning of the next but one
             if not depth > 2.0 * rise + margin:
                 continue
-            agree, beside, all_agree, against = 0, 0, 0, 0
+            agree, beside, spike, floor = 0, 0, 0, 0
+            for k in range(max(j - wide, 0), min(j + wide + 1, along)):
+                if radius[i, k] - level[i] >= AGREE_SHARE * depth:
+                    agree += count[i, k]
+                elif count[i, k] > 0:
+                    beside += count[i, k]
+                if radius[i, k] - level[i] > SPIKE_SHARE * depth:
+                    spike += count[i, k]
+                elif radius[i, k] - level[i] > margin:
+                    floor += count[i, k]
+            lone = agree == count[i, j] and agree < usual and agree < beside
+            all_agree, against = 0, 0
             for m in (i - 1, i, i + 1 if i + 1 < around else 0):
-                alike, other = 0, 0
+                alike = 0
                 for k in range(max(j - reach, 0), min(j + reach + 1, along)):
                     if radius[m, k] - level[m] >= AGREE_SHARE * depth:
                         alike += count[m, k]
-                    else:
-                        other += count[m, k]
-                if m == i:
-                    agree, beside = alike, other
                 if alike == 0:  # beyond a defect's side, say
                     continue
                 all_agree += alike
                 for k in range(max(j - int(np.ceil(depth / rise)), 0), j):
                     if radius[m, k] - level[m] < depth - (j - k + 1) * rise - margin:
                         against += count[m, k]
-            lone = agree == count[i, j] and agree < usual and agree < beside
-            if lone or against >= all_agree:
+            if lone or SPIKE * spike <= floor or against >= all_agree:
                 column[n], row[n] = i, j
                 n += 1
     return column[:n], row[:n]

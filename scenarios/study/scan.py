@@ -96,7 +96,9 @@ def _measured(scenario: Scenario, truth: Truth, cache: Cache, keys: dict[str, st
         took_s = time.process_time() - start_s
     path, wall = mapped(state)
     parts = {f"path_{field.name}": np.asarray(getattr(path, field.name)) for field in fields(Trajectory)}
-    parts |= {f"wall_{field.name}": getattr(wall, field.name) for field in fields(WallMap)}
+    parts |= {
+        f"wall_{field.name}": part for field in fields(WallMap) if (part := getattr(wall, field.name)) is not None
+    }
     parts |= {f"tally_{name}": np.array(getattr(tally, name)) for name in TALLIED}
     parts |= {MS_PER_FRAME: np.array([1000 * took_s / max(len(path.stamp_ns), 1)])}
     return {**parts, "tally_points": np.array([tally.points, tally.wrong])}

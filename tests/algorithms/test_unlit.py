@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from algorithms.robust import MAD_TO_SIGMA
 from algorithms.sizing.background import deviation_mm, noise_of_rows, seen_medians
 from algorithms.sizing.measure import SizingSettings, measure_defects
-from algorithms.sizing.unlit import AGREE_SHARE, MARGIN_MM, MARGIN_SIGMAS, drop_unlit, unlit
+from algorithms.sizing.unlit import AGREE_SHARE, MARGIN_MM, MARGIN_SIGMAS, SPIKE, SPIKE_SHARE, drop_unlit, unlit
 from algorithms.types import WallMap
 from sensor_model.recording import NominalPipe
 from twin.pipe import Pipe
@@ -65,17 +67,43 @@ def test_what_light_reaches_stays(feature):
 
 def test_false_slits_in_a_pit_and_behind_it_change_nothing():
     feature = {"kind": "pit", "diameter_mm": 12, "depth_mm": 1.9}
-    clean, spoiled, kept = (_scanned(feature) for _ in range(3))
+    clean, spoiled = _scanned(feature), _scanned(feature)
     places = ((117, 146, 5.9), (121, 151, 7.9), (118, 154, 7.0))
-    for wall in (spoiled, kept):
-        for column, row, depth in places:
-            _astray(wall, slice(column, column + 3), row, depth)
-            _astray(wall, slice(column, column + 3), row + 1, 0.98 * depth)  # and again in the next picture
+    for column, row, depth in places:
+        _astray(spoiled, slice(column, column + 3), row, depth)
+        _astray(spoiled, slice(column, column + 3), row + 1, 0.98 * depth)  # and again in the next picture
+    assert np.nansum(spoiled.radius_mm > 76.2 + 3) == 18
     drop_unlit(spoiled, STEEPEST)
-    true, found, fooled = _sized(clean), _sized(spoiled), _sized(kept)
-    sizes = np.array([[one.length_mm, one.width_mm, one.depth_mm] for one in (true, found, fooled)])
+    assert not np.any(spoiled.radius_mm > 76.2 + 3)
+    true, found = _sized(clean), _sized(spoiled)
+    sizes = np.array([[one.length_mm, one.width_mm, one.depth_mm] for one in (true, found)])
     assert np.abs(sizes[1] - sizes[0]).max() < 0.5
-    assert sizes[2, 2] > sizes[0, 2] + 2
+
+
+def test_what_two_pictures_show_alike_out_of_a_floor_is_dropped():
+    feature = {"kind": "pocket", "length_mm": 35, "width_mm": 18, "depth_mm": 2}
+    clean, spoiled = _scanned(feature), _scanned(feature)
+    _astray(spoiled, slice(112, 128), 148, 6.4)
+    spoiled.count[112:128, 148] = 2
+    drop_unlit(spoiled, STEEPEST)
+    assert not spoiled.count[112:128, 148].any()
+    true, found = _sized(clean), _sized(spoiled)
+    assert found.floor_seen
+    assert found.depth_mm == pytest.approx(true.depth_mm, abs=0.05)
+
+
+def test_light_of_a_flatter_slit_reaches_less_deep():
+    steep, flat = (_scanned({"kind": "pocket", "length_mm": 70, "width_mm": 35, "depth_mm": 7}) for _ in range(2))
+    known = np.full(flat.count.shape, np.tan(STEEPEST), dtype=np.float32)
+    row = 122  # 7.5 mm behind the rim, where the steepest light is 5.6 mm deep, and no floor was seen yet
+    for wall in (steep, flat):
+        _astray(wall, slice(112, 128), row, 5)
+        wall.count[112:128, row] = 4
+    known[112:128, row] = np.tan(np.radians(20))
+    drop_unlit(steep, STEEPEST)
+    drop_unlit(replace(flat, light_slope=known), STEEPEST)
+    assert steep.count[112:128, row].all()
+    assert not flat.count[112:128, row].any()
 
 
 def test_the_compiled_search_is_the_plain_one():
@@ -83,7 +111,8 @@ def test_the_compiled_search_is_the_plain_one():
     radius = 50 + rng.normal(0, 0.05, (24, 60)) + np.where(rng.random((24, 60)) < 0.15, rng.uniform(0, 6, (24, 60)), 0)
     radius[rng.random(radius.shape) < 0.2] = np.nan
     count = np.where(np.isfinite(radius), rng.integers(1, 4, radius.shape), 0)
-    rows, rise, reach = (10, 50), 0.7, 2
+    rows, cell, reach, wide = (10, 50), 2.0, 2, 4
+    slope = rng.uniform(0.2, 0.4, radius.shape).astype(np.float32)
     level = seen_medians(radius, *rows)
     depth = radius - level[:, None]
     inside = slice(*rows)
@@ -94,19 +123,23 @@ def test_the_compiled_search_is_the_plain_one():
     for i in range(24):
         three = [i - 1, i, (i + 1) % 24]
         for j in range(*rows):
+            rise = cell * slope[i, j]
             if not depth[i, j] > 2 * rise + margin:
                 continue
-            near = slice(j - reach, j + reach + 1)
+            near, own = slice(j - reach, j + reach + 1), slice(j - wide, j + wide + 1)
             alike = depth[:, near] >= AGREE_SHARE * depth[i, j]
-            shallower = np.isfinite(depth[i, near]) & ~alike[i]
-            agree, beside = count[i, near][alike[i]].sum(), count[i, near][shallower].sum()
+            shallower = depth[i, own] < AGREE_SHARE * depth[i, j]
+            agree = count[i, own][depth[i, own] >= AGREE_SHARE * depth[i, j]].sum()
+            beside = count[i, own][shallower].sum()
+            spike = depth[i, own] > SPIKE_SHARE * depth[i, j]
+            floor = count[i, own][~spike & (depth[i, own] > margin)].sum()
             before = np.arange(max(j - int(np.ceil(depth[i, j] / rise)), 0), j)
             blocks = depth[three][:, before] < depth[i, j] - (j - before + 1) * rise - margin
             with_it = (count[three][:, near] * alike[three]).sum(axis=1)
             against = (count[three][:, before] * blocks).sum(axis=1)[with_it > 0].sum()
             lone = agree == count[i, j] and agree < usual and agree < beside
-            if lone or against >= with_it.sum():
+            if lone or SPIKE * count[i, own][spike].sum() <= floor or against >= with_it.sum():
                 expected.append((i, j))
-    found = list(zip(*unlit(radius, level, count, rows, rise, reach), strict=True))
+    found = list(zip(*unlit(radius, level, count, slope, rows, cell, (reach, wide)), strict=True))
     assert found == expected
     assert 20 < len(expected) < 0.15 * radius.size

@@ -71,15 +71,18 @@ def test_noise_on_a_floor_as_deep_as_the_wall_is_kept_on_both_sides():
 def test_compiled_reduction_agrees_with_plain_numpy():
     rng = np.random.default_rng(0)
     cell = np.append(rng.integers(0, 40, 400), np.full(2 * FEW, 7))  # one that many points fell into
-    points = np.column_stack([cell, rng.normal(76, 1, cell.size), rng.uniform(0.5, 3, cell.size)])
-    records = np.array(list(map(tuple, points)), dtype=[("cell", "i4"), ("radius", "f8"), ("weight", "f8")])
-    radius, spread, sigma, count = _reduce(records, 50)
+    slope = rng.uniform(0.3, 0.8, cell.size)
+    points = np.column_stack([cell, rng.normal(76, 1, cell.size), rng.uniform(0.5, 3, cell.size), slope])
+    kinds = [("cell", "i4"), ("radius", "f8"), ("weight", "f8"), ("slope", "f8")]
+    radius, spread, sigma, count, steepest = _reduce(np.array(list(map(tuple, points)), dtype=kinds), 50)
     for c in range(50):
         mine = points[cell == c]
         assert count[c] == len(mine)
         if len(mine) == 0:
             assert np.isnan(radius[c])
+            assert np.isnan(steepest[c])
             continue
+        assert steepest[c] == mine[:, 3].max()
         order = mine[np.argsort(mine[:, 1])]
         half = np.searchsorted(np.cumsum(order[:, 2]), order[:, 2].sum() / 2)
         assert radius[c] == order[half, 1]
