@@ -90,6 +90,14 @@ def test_scans_have_their_own_seeds_and_defects_in_the_light(tmp_path):
         assert all(feature["depth_mm"] <= 0.8 * 7.5 for feature in features)
 
 
+@pytest.mark.parametrize("file", sorted((ROOT / "campaigns/plans").glob("*.yaml")), ids=lambda file: file.stem)
+def test_the_plans_that_are_measured_can_be_made(file):
+    plan = load_plan(file)
+    rows = rows_of(plan, scans_needed(plan), 0)
+    assert len(rows["seed"]) == 40
+    assert plan.file.name == file.stem
+
+
 def test_a_plan_decides(planned):
     folder, result, said = planned()
     # 60, 20 each at another speed and without ovality, and 20 in pictures
