@@ -12,8 +12,8 @@ from algorithms.types import WallMap
 
 BLOCK_MM = 200.0  # whose medians are taken for the bore
 REACH_MM = 2.0  # along the wall: what lies so near should agree
-WIDE_MM = 4.0  # and one that stands alone on its line has none so near
-SPIKE, SPIKE_SHARE = 3, 0.5  # nor has a floor places with so many times fewer points, of whose depth it is so much
+WIDE_MM = 4.0, 10.0  # and one that stands alone on its line has none so near; where cells are seen once, it takes more
+SPIKE, SPIKE_SHARE = 3, 0.6  # nor has a floor places with so many times fewer points, of whose depth it is so much
 AGREE_SHARE = 0.85  # of a place's depth: what is so deep agrees with it
 MARGIN_MM, MARGIN_SIGMAS = 0.1, 3.0  # of how far the block's cells scatter
 
@@ -28,7 +28,7 @@ def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
     All are what a decoder makes of a shadow's end, or of light that comes out of the wall beside where it went in.
     """
     cell = wall.cell_z_mm
-    block, reach, wide = (round(length / cell) for length in (max(BLOCK_MM, cell), REACH_MM, WIDE_MM))
+    block, *reaches = (round(length / cell) for length in (max(BLOCK_MM, cell), REACH_MM, *WIDE_MM))
     slope = wall.light_slope
     if slope is None:
         slope = np.broadcast_to(np.float32(np.tan(steepest_light_rad)), wall.count.shape)
@@ -37,7 +37,7 @@ def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
         for first in range(part.start, part.stop, block):
             last = min(first + block, part.stop)
             level = seen_medians(wall.radius_mm, first, last)
-            false = unlit(wall.radius_mm, level, wall.count, slope, (first, last), cell, (reach, wide))
+            false = unlit(wall.radius_mm, level, wall.count, slope, (first, last), cell, tuple(reaches))
             for values in whole[:3]:
                 values[false] = np.nan
             wall.count[false] = 0
@@ -46,12 +46,13 @@ def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
 @njit(cache=True, error_model="numpy")
 def unlit(radius, level, count, slope, rows, cell_mm, reaches):
     """Columns and rows of the false cells in a stretch of rows."""
-    (around, along), (reach, wide) = radius.shape, reaches
+    (around, along), (reach, wide, wider) = radius.shape, reaches
     some = count[:, rows[0] : rows[1]].ravel()
     some = some[some > 0]
     if some.size == 0:
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     usual, off = np.median(some), np.empty(some.size)
+    wide = wide if usual > 1 else wider
     n = 0
     for i in range(around):
         for j in range(rows[0], rows[1]):

@@ -92,6 +92,19 @@ def test_what_two_pictures_show_alike_out_of_a_floor_is_dropped():
     assert found.depth_mm == pytest.approx(true.depth_mm, abs=0.05)
 
 
+def test_in_a_map_that_saw_each_cell_once_a_spike_is_told_by_more_of_the_floor():
+    spoiled = _scanned({"kind": "pocket", "length_mm": 40, "width_mm": 25, "depth_mm": 3.5})
+    rng = np.random.default_rng(0)
+    spoiled.count[:] = np.where(rng.random(spoiled.count.shape) < 0.5, spoiled.count > 0, 0)
+    _astray(spoiled, slice(112, 128), 138, 7.5)
+    empty = spoiled.count == 0
+    for values in (spoiled.radius_mm, spoiled.spread_mm, spoiled.sigma_mm):
+        values[empty] = np.nan
+    drop_unlit(spoiled, STEEPEST)
+    assert not np.any(spoiled.radius_mm > 76.2 + 5)
+    assert np.count_nonzero(spoiled.radius_mm > 76.2 + 3) > 300
+
+
 def test_light_of_a_flatter_slit_reaches_less_deep():
     steep, flat = (_scanned({"kind": "pocket", "length_mm": 70, "width_mm": 35, "depth_mm": 7}) for _ in range(2))
     known = np.full(flat.count.shape, np.tan(STEEPEST), dtype=np.float32)
@@ -112,6 +125,7 @@ def test_the_compiled_search_is_the_plain_one():
     radius[rng.random(radius.shape) < 0.2] = np.nan
     count = np.where(np.isfinite(radius), rng.integers(1, 4, radius.shape), 0)
     rows, cell, reach, wide = (10, 50), 2.0, 2, 4
+    assert np.median(count[count > 0]) > 1  # else it would look further
     slope = rng.uniform(0.2, 0.4, radius.shape).astype(np.float32)
     level = seen_medians(radius, *rows)
     depth = radius - level[:, None]
@@ -140,6 +154,6 @@ def test_the_compiled_search_is_the_plain_one():
             lone = agree == count[i, j] and agree < usual and agree < beside
             if lone or SPIKE * count[i, own][spike].sum() <= floor or against >= with_it.sum():
                 expected.append((i, j))
-    found = list(zip(*unlit(radius, level, count, slope, rows, cell, (reach, wide)), strict=True))
+    found = list(zip(*unlit(radius, level, count, slope, rows, cell, (reach, wide, 10)), strict=True))
     assert found == expected
     assert 20 < len(expected) < 0.15 * radius.size
