@@ -54,17 +54,18 @@ def visible_depth_mm(length_mm: float, steepest_light_rad: float) -> float:
 def floor_of(
     deviation: Float[np.ndarray, "around along"],
     inside: Bool[np.ndarray, "around along"],
+    firm: Bool[np.ndarray, "around along"],
     blunt: Bool[np.ndarray, "around along"],
     noise: Float[np.ndarray, "around along"],
     cell_mm: tuple[float, float],
     lit: bool = True,
 ) -> Floor:
-    """The depth of one defect in a window of the map, by its sharp cells where there are enough.
+    """The depth of one defect in a window of the map, by those of its cells that are firm, and sharp if enough are.
 
     Cells are so long and so wide. Where it is known not to be `lit`, the depth is a least one.
     """
-    sharp = inside & ~blunt
-    near = sharp if np.count_nonzero(sharp) >= LARGE_CELLS else inside
+    sharp = firm & ~blunt
+    near = sharp if np.count_nonzero(sharp) >= LARGE_CELLS else firm
     near = near & (deviation > NEAR_DEEPEST_SHARE * _deepest_mm(deviation[near]))
     depths, sigma = deviation[near], float(np.median(noise[near]))
     middle, top = np.percentile(depths, [50, DEEPEST_PERCENTILE])

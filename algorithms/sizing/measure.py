@@ -175,7 +175,7 @@ def measure_one(
     blunt = window.sigma_mm > BLUNT * np.nanmedian(window.sigma_mm)
     firm = _firm(wall, window)
     for lit in (True, False):
-        depth = floor_of(deviation, firm, blunt, window.noise_mm, (cell_z, cell_arc), lit)
+        depth = floor_of(deviation, inside, firm, blunt, window.noise_mm, (cell_z, cell_arc), lit)
         axial, arc, floor = outline_of(deviation, inside, blunt, depth, (cell_z, cell_arc), steepest_light_rad)
         columns, rows = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
         whole = np.arange(columns[0], columns[-1] + 1), np.arange(rows[0], rows[-1] + 1)
