@@ -62,14 +62,15 @@ def floor_of(
 ) -> Floor:
     """The depth of one defect in a window of the map, by those of its cells that are firm, and sharp if enough are.
 
-    Cells are so long and so wide. Where it is known not to be `lit`, the depth is a least one.
+    A cone or bowl is told by all of them. Cells are so long and so wide. Where it is known not to be `lit`, the depth
+    is a least one.
     """
     sharp = firm & ~blunt
     near = sharp if np.count_nonzero(sharp) >= LARGE_CELLS else firm
     near = near & (deviation > NEAR_DEEPEST_SHARE * _deepest_mm(deviation[near]))
     depths, sigma = deviation[near], float(np.median(noise[near]))
     middle, top = np.percentile(depths, [50, DEEPEST_PERCENTILE])
-    seen = lit and _is_seen(deviation, inside, float(top), sigma, cell_mm[0])
+    seen = lit and _is_seen(deviation, firm, float(top), sigma, cell_mm[0])
     # what noise adds to a percentile: all of it on a flat floor, less where the floor, with its rim, itself varies
     scatter = max(float(np.std(depths)), sigma)
     added = PERCENTILE_SIGMAS * sigma**2 / scatter
