@@ -23,9 +23,10 @@ def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
 
     Light comes from the scan's beginning, as steep as the cell's own points have it, or (in a map that does not know)
     as the widest half angle: wall that was seen before a place and stands in its light says that the place is none,
-    unless more points beside it say that it is. Nor is one that fewer points saw than see the usual cell, where others
-    near it along the pipe are shallower and none as deep; nor one that stands out of a floor which far more points saw.
+    unless more points of its line say that it is. Nor is one that fewer points saw than see the usual cell, where
+    others near it along the pipe are shallower and none as deep; nor one that stands out of a floor which far more saw.
     All are what a decoder makes of a shadow's end, or of light that comes out of the wall beside where it went in.
+    A place beside a line that is mostly as deep, and is spoken for, stays: the defect's side runs between the two.
     """
     cell = wall.cell_z_mm
     block, *reaches = (round(length / cell) for length in (max(BLOCK_MM, cell), REACH_MM, *WIDE_MM))
@@ -46,7 +47,7 @@ def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
 @njit(cache=True, error_model="numpy")
 def unlit(radius, level, count, slope, rows, cell_mm, reaches):
     """Columns and rows of the false cells in a stretch of rows."""
-    (around, along), (reach, wide, wider) = radius.shape, reaches
+    around, (reach, wide, wider) = radius.shape[0], reaches
     some = count[:, rows[0] : rows[1]].ravel()
     some = some[some > 0]
     if some.size == 0:
@@ -68,30 +69,39 @@ def unlit(radius, level, count, slope, rows, cell_mm, reaches):
             # a row is as wide as its cells: wall at the end of one, and a floor at the beginning of the next but one
             if not depth > 2.0 * rise + margin:
                 continue
-            agree, beside, spike, floor = 0, 0, 0, 0
-            for k in range(max(j - wide, 0), min(j + wide + 1, along)):
-                if radius[i, k] - level[i] >= AGREE_SHARE * depth:
-                    agree += count[i, k]
-                elif count[i, k] > 0:
-                    beside += count[i, k]
-                if radius[i, k] - level[i] > SPIKE_SHARE * depth:
-                    spike += count[i, k]
-                elif radius[i, k] - level[i] > margin:
-                    floor += count[i, k]
-            lone = agree == count[i, j] and agree < usual and agree < beside
-            all_agree, against = 0, 0
-            for m in (i - 1, i, i + 1 if i + 1 < around else 0):
-                alike = 0
-                for k in range(max(j - reach, 0), min(j + reach + 1, along)):
-                    if radius[m, k] - level[m] >= AGREE_SHARE * depth:
-                        alike += count[m, k]
-                if alike == 0:  # beyond a defect's side, say
-                    continue
-                all_agree += alike
-                for k in range(max(j - int(np.ceil(depth / rise)), 0), j):
-                    if radius[m, k] - level[m] < depth - (j - k + 1) * rise - margin:
-                        against += count[m, k]
-            if lone or SPIKE * spike <= floor or against >= all_agree:
+            for m in (i, i - 1, i + 1 if i + 1 < around else 0):
+                said, mostly = speaks_for(radius[m], level[m], count[m], j, depth, rise, margin, usual, (reach, wide))
+                if said and (mostly or m == i):
+                    break
+            else:
                 column[n], row[n] = i, j
                 n += 1
     return column[:n], row[:n]
+
+
+@njit(cache=True, error_model="numpy")
+def speaks_for(radius, level, count, j, depth, rise, margin, usual, reaches):
+    """Whether a line says that wall is so deep at a row, and whether it is mostly as deep there."""
+    (reach, wide), along = reaches, radius.size
+    alike, cells, agree, beside, spike, floor, against = 0, 0, 0, 0, 0, 0, 0
+    for k in range(max(j - wide, 0), min(j + wide + 1, along)):
+        if count[k] == 0:
+            continue
+        off = radius[k] - level
+        if off >= AGREE_SHARE * depth:
+            cells += 1
+            agree += count[k]
+            alike += count[k] if abs(k - j) <= reach else 0
+        else:
+            beside += count[k]
+        if off > SPIKE_SHARE * depth:
+            spike += count[k]
+        elif off > margin:
+            floor += count[k]
+    if alike == 0:  # beyond a defect's side, say
+        return False, False
+    for k in range(max(j - int(np.ceil(depth / rise)), 0), j):
+        if radius[k] - level < depth - (j - k + 1) * rise - margin:
+            against += count[k]
+    lone = cells == 1 and agree < usual and agree < beside
+    return not lone and SPIKE * spike > floor and against < alike, agree >= beside

@@ -105,6 +105,17 @@ def test_in_a_map_that_saw_each_cell_once_a_spike_is_told_by_more_of_the_floor()
     assert np.count_nonzero(spoiled.radius_mm > 76.2 + 3) > 300
 
 
+def test_a_side_that_runs_within_a_line_keeps_its_floor():
+    wall = _scanned({"kind": "pocket", "length_mm": 70, "width_mm": 35, "depth_mm": 7.5})
+    floor = np.flatnonzero(wall.count.any(axis=1) & (np.nanmax(wall.radius_mm, axis=1) > 76.2 + 7))
+    column, first, last = floor[0] - 1, 150, 180  # the robot rolls, and the line begins to see more floor than wall
+    wall.radius_mm[column, first:last] = wall.radius_mm[floor[0], first:last]
+    before = wall.count.copy()
+    assert np.all(wall.radius_mm[column, first:last] > 76.2 + 7)
+    drop_unlit(wall, STEEPEST)
+    np.testing.assert_array_equal(wall.count, before)
+
+
 def test_light_of_a_flatter_slit_reaches_less_deep():
     steep, flat = (_scanned({"kind": "pocket", "length_mm": 70, "width_mm": 35, "depth_mm": 7}) for _ in range(2))
     known = np.full(flat.count.shape, np.tan(STEEPEST), dtype=np.float32)
@@ -133,27 +144,27 @@ def test_the_compiled_search_is_the_plain_one():
     off = np.abs(depth[:, inside][count[:, inside] > 0])
     margin = MARGIN_MM + MARGIN_SIGMAS * MAD_TO_SIGMA * np.median(off)
     usual = np.median(count[:, inside][count[:, inside] > 0])
+
+    def said(m, i, j):
+        """Whether line m says that wall is as deep as at line i, row j, and whether it mostly is."""
+        rise, near, own = cell * slope[i, j], slice(j - reach, j + reach + 1), slice(j - wide, j + wide + 1)
+        alike = depth[m] >= AGREE_SHARE * depth[i, j]
+        agree, beside = count[m, own][alike[own]], count[m, own][depth[m, own] < AGREE_SHARE * depth[i, j]]
+        spike = depth[m, own] > SPIKE_SHARE * depth[i, j]
+        floor = count[m, own][~spike & (depth[m, own] > margin)].sum()
+        before = np.arange(max(j - int(np.ceil(depth[i, j] / rise)), 0), j)
+        against = count[m, before][depth[m, before] < depth[i, j] - (j - before + 1) * rise - margin].sum()
+        lone = agree.size == 1 and agree.sum() < usual and agree.sum() < beside.sum()
+        stands = not lone and SPIKE * count[m, own][spike].sum() > floor and against < count[m, near][alike[near]].sum()
+        return stands, agree.sum() >= beside.sum()
+
     expected = []
     for i in range(24):
-        three = [i - 1, i, (i + 1) % 24]
         for j in range(*rows):
-            rise = cell * slope[i, j]
-            if not depth[i, j] > 2 * rise + margin:
-                continue
-            near, own = slice(j - reach, j + reach + 1), slice(j - wide, j + wide + 1)
-            alike = depth[:, near] >= AGREE_SHARE * depth[i, j]
-            shallower = depth[i, own] < AGREE_SHARE * depth[i, j]
-            agree = count[i, own][depth[i, own] >= AGREE_SHARE * depth[i, j]].sum()
-            beside = count[i, own][shallower].sum()
-            spike = depth[i, own] > SPIKE_SHARE * depth[i, j]
-            floor = count[i, own][~spike & (depth[i, own] > margin)].sum()
-            before = np.arange(max(j - int(np.ceil(depth[i, j] / rise)), 0), j)
-            blocks = depth[three][:, before] < depth[i, j] - (j - before + 1) * rise - margin
-            with_it = (count[three][:, near] * alike[three]).sum(axis=1)
-            against = (count[three][:, before] * blocks).sum(axis=1)[with_it > 0].sum()
-            lone = agree == count[i, j] and agree < usual and agree < beside
-            if lone or SPIKE * count[i, own][spike].sum() <= floor or against >= with_it.sum():
-                expected.append((i, j))
+            if depth[i, j] > 2 * cell * slope[i, j] + margin:
+                beside = [said(m, i, j) for m in (i - 1, (i + 1) % 24)]
+                if not said(i, i, j)[0] and not any(stands and mostly for stands, mostly in beside):
+                    expected.append((i, j))
     found = list(zip(*unlit(radius, level, count, slope, rows, cell, (reach, wide, 10)), strict=True))
     assert found == expected
     assert 20 < len(expected) < 0.15 * radius.size
