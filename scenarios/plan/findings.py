@@ -262,13 +262,27 @@ def all_errors(plan: Plan, scans: Scans) -> dict[str, Float[np.ndarray, "n"]]:
 
 
 def shown_errors(plan: Plan, scans: Scans, pictures: Scans | None) -> dict[str, tuple[Float[np.ndarray, "n"], str]]:
-    """Every promised error with its fidelity: of the plan's scans where that is trusted, else of pictures if any."""
+    """Every promised error with its fidelity: of the plan's scans where that is trusted, else of pictures if any.
+
+    It is trusted where it agrees with pictures in scenarios like the plan's, unless the plan's own pictures gainsay it.
+    """
     own, shown = plan.scene.sensing.fidelity, {}
     dear = {} if pictures is None else all_errors(plan, pictures)
     for what, values in all_errors(plan, scans).items():
-        trusted = trusts(plan.scene, SCORES[what])
-        shown[what] = (values, own) if trusted else (dear.get(what, np.empty(0)), PICTURE)
+        seen = dear.get(what, np.empty(0))
+        trusted = trusts(plan.scene, SCORES[what]) and not _gainsaid(
+            values, seen, plan.file.share, plan.file.confidence
+        )
+        shown[what] = (values, own) if trusted else (seen, PICTURE)
     return shown
+
+
+def _gainsaid(own: Float[np.ndarray, "n"], seen: Float[np.ndarray, "m"], share: float, confidence: float) -> bool:
+    """Whether pictures that can promise by themselves lie inside the cheap scans' promise less often than it says."""
+    cheap, dear = (tolerance("", errors, share, confidence) for errors in (own, seen))
+    if cheap.promised is None or dear.promised is None:
+        return False
+    return bool(np.mean(np.abs(seen[np.isfinite(seen)]) <= cheap.promised) < share)
 
 
 def all_tolerances(plan: Plan, scans: Scans, pictures: Scans | None) -> list[Tolerance]:

@@ -82,7 +82,8 @@ def tolerances(result: Result) -> str:
     )
     caption = (
         "Largest error to either side, by order statistics, whatever its distribution; of found defects. A cheap "
-        f"fidelity shows only what it was found to agree with pictures in: {compared_on(result.plan.scene)}."
+        f"fidelity shows only what it was found to agree with pictures in ({compared_on(result.plan.scene)}), where "
+        "this plan's own pictures lie inside its promise as often as promised; else they promise by themselves."
     )
     return table(head, rows, caption)
 

@@ -15,7 +15,7 @@ from scenarios.document import BadInput
 from scenarios.plan import studies as module
 from scenarios.plan.check import Again, Estimate, Fresh, fresh_pictures, made_again, quantile
 from scenarios.plan.conduct import make_plan
-from scenarios.plan.findings import Kept, at_most, tolerance
+from scenarios.plan.findings import Kept, Looks, Scans, all_tolerances, at_most, tolerance
 from scenarios.plan.plan_file import load_plan
 from scenarios.plan.result import Confirmed, withheld
 from scenarios.plan.scans import rows_of, scans_needed
@@ -153,6 +153,32 @@ def test_pictures_are_held_against_the_promise_or_make_it(planned):
     assert 29 <= length.n < 40
     assert "field-dry" in json.loads((folder / "plan.json").read_text())["trust"]
     assert "<td>picture</td>" in (folder / "plan.html").read_text()
+
+
+def test_pictures_promise_by_themselves_what_they_gainsay(tmp_path):
+    file = tmp_path / "plan.yaml"
+    file.write_text(PLAN)
+    plan = load_plan(file)
+    rng = np.random.default_rng(0)
+
+    def scans(n, worse):
+        kind, true = np.array(["pocket", "pit"] * n), np.full((2 * n, 3), 20.0)
+        off = rng.uniform(-0.1, 0.1, true.shape) * worse
+        looks = Looks(kind, np.full(2 * n, 30.0), true, true + off, np.repeat(np.arange(n), 2))
+        return Scans(
+            looks, {"distance_error_pct": rng.uniform(0, 0.1, n), "roll_rms_deg": rng.uniform(0, 0.1, n)}, {}, 1.0
+        )
+
+    cheap, like, worse, few = scans(60, 1), scans(20, 1), scans(20, 1.3), scans(5, 4)
+    depth = {one.what: one for one in all_tolerances(plan, cheap, like)}["depth_error_pct"]
+    assert (depth.shown_in, depth.n) == ("points", 120)
+    depth = {one.what: one for one in all_tolerances(plan, cheap, worse)}["depth_error_pct"]
+    assert (depth.shown_in, depth.n) == ("picture", 40)
+    errors = 100 * np.abs(worse.looks.measured_mm - worse.looks.true_mm)[:, 2] / plan.scene.pipe.wall_mm
+    assert depth.promised in errors
+    assert np.mean(errors <= depth.promised) > 0.95
+    depth = {one.what: one for one in all_tolerances(plan, cheap, few)}["depth_error_pct"]
+    assert depth.shown_in == "points"  # too few to promise anything; the limit is open if they break it
 
 
 def test_a_promise_that_pictures_break_decides_nothing():
