@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -15,7 +17,21 @@ REACH_MM = 2.0  # along the wall: what lies so near should agree
 WIDE_MM = 4.0, 10.0  # and one that stands alone on its line has none so near; where cells are seen once, it takes more
 SPIKE, SPIKE_SHARE = 3, 0.6  # nor has a floor places with so many times fewer points, of whose depth it is so much
 AGREE_SHARE = 0.85  # of a place's depth: what is so deep agrees with it
+FLOOR_CELLS = 5  # a line that sees a floor has so many cells' usual points of it within 4 mm, and fewer that are none
 MARGIN_MM, MARGIN_SIGMAS = 0.1, 3.0  # of how far the block's cells scatter
+
+
+class Heard(NamedTuple):
+    """What one line of the map says of a depth at a row.
+
+    Points that are as deep near it, points of wall that stands in its light, whether what is so deep there is a stray,
+    and whether the line sees a floor so deep.
+    """
+
+    alike: int
+    against: int
+    stray: bool
+    floor: bool
 
 
 def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
@@ -23,10 +39,10 @@ def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
 
     Light comes from the scan's beginning, as steep as the cell's own points have it, or (in a map that does not know)
     as the widest half angle: wall that was seen before a place and stands in its light says that the place is none,
-    unless more points of its line say that it is. Nor is one that fewer points saw than see the usual cell, where
+    unless more points beside it say that it is. Nor is one that fewer points saw than see the usual cell, where
     others near it along the pipe are shallower and none as deep; nor one that stands out of a floor which far more saw.
     All are what a decoder makes of a shadow's end, or of light that comes out of the wall beside where it went in.
-    A place beside a line that is mostly as deep, and is spoken for, stays: the defect's side runs between the two.
+    A place beside a line that sees a floor as deep stays: the defect's side runs between the two.
     """
     cell = wall.cell_z_mm
     block, *reaches = (round(length / cell) for length in (max(BLOCK_MM, cell), REACH_MM, *WIDE_MM))
@@ -69,19 +85,22 @@ def unlit(radius, level, count, slope, rows, cell_mm, reaches):
             # a row is as wide as its cells: wall at the end of one, and a floor at the beginning of the next but one
             if not depth > 2.0 * rise + margin:
                 continue
-            for m in (i, i - 1, i + 1 if i + 1 < around else 0):
-                said, mostly = speaks_for(radius[m], level[m], count[m], j, depth, rise, margin, usual, (reach, wide))
-                if said and (mostly or m == i):
+            alike, against, stray = 0, 0, False
+            for m in (i - 1, i, i + 1 if i + 1 < around else 0):
+                own = heard(radius[m], level[m], count[m], j, depth, rise, margin, usual, (reach, wide))
+                if own.floor and m != i:
                     break
+                alike, against, stray = alike + own.alike, against + own.against, stray or (own.stray and m == i)
             else:
-                column[n], row[n] = i, j
-                n += 1
+                if stray or against >= alike:
+                    column[n], row[n] = i, j
+                    n += 1
     return column[:n], row[:n]
 
 
 @njit(cache=True, error_model="numpy")
-def speaks_for(radius, level, count, j, depth, rise, margin, usual, reaches):
-    """Whether a line says that wall is so deep at a row, and whether it is mostly as deep there."""
+def heard(radius, level, count, j, depth, rise, margin, usual, reaches):
+    """What a line says of wall so deep at a row: a `Heard`."""
     (reach, wide), along = reaches, radius.size
     alike, cells, agree, beside, spike, floor, against = 0, 0, 0, 0, 0, 0, 0
     for k in range(max(j - wide, 0), min(j + wide + 1, along)):
@@ -99,9 +118,9 @@ def speaks_for(radius, level, count, j, depth, rise, margin, usual, reaches):
         elif off > margin:
             floor += count[k]
     if alike == 0:  # beyond a defect's side, say
-        return False, False
+        return Heard(0, 0, False, False)
     for k in range(max(j - int(np.ceil(depth / rise)), 0), j):
         if radius[k] - level < depth - (j - k + 1) * rise - margin:
             against += count[k]
-    lone = cells == 1 and agree < usual and agree < beside
-    return not lone and SPIKE * spike > floor and against < alike, agree >= beside
+    stray = (cells == 1 and agree < usual and agree < beside) or SPIKE * spike <= floor
+    return Heard(alike, against, stray, agree >= max(beside, FLOOR_CELLS * usual) and against < alike and not stray)

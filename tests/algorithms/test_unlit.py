@@ -10,7 +10,16 @@ import pytest
 from algorithms.robust import MAD_TO_SIGMA
 from algorithms.sizing.background import deviation_mm, noise_of_rows, seen_medians
 from algorithms.sizing.measure import SizingSettings, measure_defects
-from algorithms.sizing.unlit import AGREE_SHARE, MARGIN_MM, MARGIN_SIGMAS, SPIKE, SPIKE_SHARE, drop_unlit, unlit
+from algorithms.sizing.unlit import (
+    AGREE_SHARE,
+    FLOOR_CELLS,
+    MARGIN_MM,
+    MARGIN_SIGMAS,
+    SPIKE,
+    SPIKE_SHARE,
+    drop_unlit,
+    unlit,
+)
 from algorithms.types import WallMap
 from sensor_model.recording import NominalPipe
 from twin.pipe import Pipe
@@ -145,25 +154,28 @@ def test_the_compiled_search_is_the_plain_one():
     margin = MARGIN_MM + MARGIN_SIGMAS * MAD_TO_SIGMA * np.median(off)
     usual = np.median(count[:, inside][count[:, inside] > 0])
 
-    def said(m, i, j):
-        """Whether line m says that wall is as deep as at line i, row j, and whether it mostly is."""
+    def heard(m, i, j):
+        """Points that are as deep, points against them, whether they are astray, whether line m sees a floor."""
         rise, near, own = cell * slope[i, j], slice(j - reach, j + reach + 1), slice(j - wide, j + wide + 1)
         alike = depth[m] >= AGREE_SHARE * depth[i, j]
-        agree, beside = count[m, own][alike[own]], count[m, own][depth[m, own] < AGREE_SHARE * depth[i, j]]
+        agree, beside = count[m, own][alike[own]], count[m, own][depth[m, own] < AGREE_SHARE * depth[i, j]].sum()
         spike = depth[m, own] > SPIKE_SHARE * depth[i, j]
         floor = count[m, own][~spike & (depth[m, own] > margin)].sum()
         before = np.arange(max(j - int(np.ceil(depth[i, j] / rise)), 0), j)
         against = count[m, before][depth[m, before] < depth[i, j] - (j - before + 1) * rise - margin].sum()
-        lone = agree.size == 1 and agree.sum() < usual and agree.sum() < beside.sum()
-        stands = not lone and SPIKE * count[m, own][spike].sum() > floor and against < count[m, near][alike[near]].sum()
-        return stands, agree.sum() >= beside.sum()
+        stray = (agree.size == 1 and agree.sum() < min(usual, beside)) or SPIKE * count[m, own][spike].sum() <= floor
+        with_it = count[m, near][alike[near]].sum()
+        is_floor = agree.sum() >= max(beside, FLOOR_CELLS * usual) and against < with_it and not stray
+        return with_it, against if with_it else 0, stray, is_floor
 
     expected = []
     for i in range(24):
         for j in range(*rows):
             if depth[i, j] > 2 * cell * slope[i, j] + margin:
-                beside = [said(m, i, j) for m in (i - 1, (i + 1) % 24)]
-                if not said(i, i, j)[0] and not any(stands and mostly for stands, mostly in beside):
+                lines = [heard(m, i, j) for m in (i - 1, i, (i + 1) % 24)]
+                with_it, against = np.sum([line[:2] for line in lines], axis=0)
+                floor = lines[0][3] or lines[2][3]
+                if (lines[1][2] or against >= with_it) and not floor:
                     expected.append((i, j))
     found = list(zip(*unlit(radius, level, count, slope, rows, cell, (reach, wide, 10)), strict=True))
     assert found == expected
