@@ -59,6 +59,7 @@ class Window(NamedTuple):
     deviation_mm: Float[np.ndarray, "around along"]
     noise_mm: Float[np.ndarray, "around along"]
     sigma_mm: Float[np.ndarray, "around along"]
+    points: Int[np.ndarray, "around along"]
     inside: Bool[np.ndarray, "around along"]
     first_column: int
     first_row: int
@@ -154,15 +155,12 @@ def _window(
     noise = noise_mm(called.noise, sigma, slice(begin, end))
     inside = np.zeros(deviation.shape, dtype=bool)
     inside[turned - first, rows - begin] = True
-    return Window(deviation, noise, sigma, inside, middle + first, begin)
+    return Window(deviation, noise, sigma, wall.count[taken, begin:end], inside, middle + first, begin)
 
 
-def _firm(wall: WallMap, window: Window) -> Bool[np.ndarray, "around along"]:
+def _firm(window: Window) -> Bool[np.ndarray, "around along"]:
     """The defect's cells without those that hardly any point saw, as it is with a slit astray; all, if few are left."""
-    columns = np.arange(window.first_column, window.first_column + window.deviation_mm.shape[0]) % wall.theta_rad.size
-    rows = slice(window.first_row, window.first_row + window.deviation_mm.shape[1])
-    count = wall.count[columns, rows]
-    firm = window.inside & (count > ONCE_SHARE * np.median(count[count > 0]))
+    firm = window.inside & (window.points > ONCE_SHARE * np.median(window.points[window.points > 0]))
     return firm if np.count_nonzero(firm) >= max(FIRM_CELLS, 0.5 * np.count_nonzero(window.inside)) else window.inside
 
 
@@ -173,7 +171,7 @@ def measure_one(
     deviation, inside = window.deviation_mm, window.inside
     cell_z, cell_arc = wall.cell_z_mm, wall.cell_arc_mm(pipe.inner_radius_mm)
     blunt = window.sigma_mm > BLUNT * np.nanmedian(window.sigma_mm)
-    firm = _firm(wall, window)
+    firm = _firm(window)
     for lit in (True, False):
         depth = floor_of(deviation, inside, firm, blunt, window.noise_mm, (cell_z, cell_arc), lit)
         axial, arc, floor = outline_of(deviation, inside, blunt, depth, (cell_z, cell_arc), steepest_light_rad)

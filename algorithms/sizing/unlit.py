@@ -50,7 +50,7 @@ def drop_unlit(wall: WallMap, steepest_light_rad: float) -> None:
     if slope is None:
         slope = np.broadcast_to(np.float32(np.tan(steepest_light_rad)), wall.count.shape)
     whole = wall.radius_mm, wall.spread_mm, wall.sigma_mm, wall.count
-    for part in pieces(*whole, rows=block):
+    for part in pieces(*whole, slope, rows=block):
         for first in range(part.start, part.stop, block):
             last = min(first + block, part.stop)
             level = seen_medians(wall.radius_mm, first, last)
