@@ -118,6 +118,7 @@ def wall_map(scenario: Scenario, maps: Path | None) -> tuple[Trajectory, WallMap
     if kept:
         arrays = {name: a if a.ndim == 1 else a.astype(np.float32) for name, a in vars(wall).items() if a is not None}
         arrays |= {f"path_{name}": np.array(a) for name, a in vars(path).items()}
+        kept.parent.mkdir(parents=True, exist_ok=True)
         np.savez(kept, **(arrays | {"count": wall.count.astype(np.int32)}))
     return path, wall
 

@@ -8,10 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import spsolve
 
 from algorithms.calibration.failure import CannotCalibrate
 from algorithms.calibration.pipe_view import WRONG_MM, fit_cylinder, radial_mm
-from algorithms.calibration.slide import JAG_CELLS, LEAST_GAIN, OUTLIER_MM, with_jag
+from algorithms.calibration.slide import LEAST_GAIN, OUTLIER_MM, with_jag
 from algorithms.robust import MAD_TO_SIGMA, spread
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, RingPoints
@@ -20,14 +22,16 @@ from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
 
 LEAST_FRAMES = 16
+CELLS = 720  # around the slide: a real one's jags are 1 degree wide, and between wider cells their tips are lost
 LEAST_SIGHTS = 8  # of a place on the slide
-ROUNDS = 4  # a cell's median mixes the places in it with their neighbours; each round takes off most of what is left
+ROUNDS = 3  # what is cut, and the cylinders, change with the table
+BENT_SHARE = 0.3  # of how far a table bends from cell to cell: what its cells' medians are open by
 CUT_SIGMAS = 3.0
 LEAST_PER_RAD = 1.0
 BORE_ROUNDS = 5
 TUKEY = 4.685
 ALIKE_SIGMAS = 5.0
-ALIKE_MARGIN = 3  # cells on either side
+ALIKE_MARGIN = 6  # cells on either side
 
 
 @dataclass(frozen=True)
@@ -61,11 +65,13 @@ class _Lesson(NamedTuple):
 class _Sights(NamedTuple):
     """Points near the wall: what the half angle of each lacks to lie on the bore, and its place on the slide.
 
-    `per_rad_mm` is how far the half angle moves the point outward, `weight` what the fit of a cylinder gives it.
+    A place is a slit's cell; `beside` is how far from its middle, in cells, clockwise. `per_rad_mm` is how far the half
+    angle moves the point outward, `weight` what the fit of a cylinder gives it.
     """
 
     excess_rad: Float[np.ndarray, "n"]
     place: Int[np.ndarray, "n"]
+    beside: Float[np.ndarray, "n"]
     per_rad_mm: Float[np.ndarray, "n"]
     weight: Float[np.ndarray, "n"]
     ahead_mm: Float[np.ndarray, "n"]
@@ -115,20 +121,22 @@ def residual_mm(frames: Sequence[SlitPixels], rig: Rig) -> float:
 
 
 def _taught(frames: Sequence[SlitPixels], smooth: Rig) -> _Lesson:
-    shape = len(smooth.projector.slits), JAG_CELLS
-    table, unused_share, lever, known = np.zeros(shape), 0.0, np.zeros(shape), np.zeros(0, dtype=bool)
+    shape = len(smooth.projector.slits), CELLS
+    table, unused_share, lever, known = np.zeros(shape), 0.0, np.zeros(shape), np.zeros(shape, dtype=bool)
     for _ in range(ROUNDS):
         sights = _all_sights(frames, with_jag(smooth, table))
-        step, clean, known = clean_medians(sights.excess_rad, sights.place, table.size)
+        medians, clean, seen = clean_medians(sights.excess_rad, sights.place, table.size)
+        beside = _means(sights.beside[clean], sights.place[clean], table.size)
+        step, known = _between(medians.reshape(shape), beside.reshape(shape), seen.reshape(shape))
         lever, weight, ahead = (
-            _means(values, sights.place, table.size).reshape(shape)
+            _filled(_means(values, sights.place, table.size).reshape(shape), known)
             for values in (sights.per_rad_mm, sights.weight, sights.ahead_mm)
         )
-        table = _without_pose(table + step.reshape(shape), lever, weight, ahead)
+        table = _without_pose(table + step, lever, weight, ahead)
         unused_share = 1 - np.count_nonzero(clean) / clean.size
     alike = _alike_mm(table * lever)
     table = table - _over(np.broadcast_to(alike, shape), lever)
-    return _Lesson(np.where(known.reshape(shape), table, np.nan), unused_share, alike)
+    return _Lesson(np.where(known, table, np.nan), unused_share, alike)
 
 
 def _all_sights(frames: Sequence[SlitPixels], rig: Rig) -> _Sights:
@@ -145,15 +153,45 @@ def _sights(points: RingPoints, alignment: Alignment, rig: Rig) -> _Sights:
     residual, per_rad = _off_the_bore_mm(points, alignment), radius_per_rad(points, alignment, rig)
     right = (np.abs(residual) < OUTLIER_MM) & (np.abs(per_rad) > LEAST_PER_RAD)
     azimuth = projector_azimuth_rad(points.xyz_mm, rig.projector.T_camera_projector)
-    cell = (azimuth / (2 * np.pi) * JAG_CELLS).astype(np.int64) % JAG_CELLS
+    around = azimuth / (2 * np.pi) * CELLS
+    cell = around.astype(np.int64)
     across = np.sum(points.direction * _outward(points, alignment), axis=1) * points.sigma_mm
     return _Sights(
         -residual[right] / per_rad[right],
-        (points.ring * JAG_CELLS + cell)[right],
+        (points.ring * CELLS + cell % CELLS)[right],
+        (around - cell - 0.5)[right],
         per_rad[right],
         across[right] ** -2,
         points.xyz_mm[right, 2],
     )
+
+
+def _between(
+    medians: Float[np.ndarray, "slits cells"],
+    beside: Float[np.ndarray, "slits cells"],
+    seen: Bool[np.ndarray, "slits cells"],
+) -> tuple[Float[np.ndarray, "slits cells"], Bool[np.ndarray, "slits cells"]]:
+    """Tables that, straight between the middles of their cells, go through what was seen beside these; what is known.
+
+    As many lines as there are cells pass by all places but their middles, where the robot does not roll: what goes
+    to and fro from cell to cell is then hardly seen, so a table bends no more than it has to. A cell that nothing was
+    seen in is known between two that are.
+    """
+    bend = BENT_SHARE * _ring(np.full(medians.shape[1], -2.0), np.ones((2, medians.shape[1])))
+    table = np.zeros(medians.shape)
+    for j in np.flatnonzero(seen.any(axis=1)):
+        toward = np.maximum([-beside[j], beside[j]], 0)
+        A = _ring(1 - np.abs(beside[j]), toward)[seen[j]]
+        table[j] = spsolve((A.T @ A + bend.T @ bend).tocsc(), A.T @ medians[j, seen[j]])
+    known = seen | (np.roll(seen, 1, axis=1) & np.roll(seen, -1, axis=1))
+    return np.where(known, table, 0.0), known
+
+
+def _ring(own: Float[np.ndarray, "n"], beside: Float[np.ndarray, "2 n"]) -> csr_array:
+    """The matrix of these shares of each in a ring, and of the one before and after it."""
+    each = np.arange(own.size)
+    columns = np.concatenate([each, each - 1, each + 1]) % own.size
+    return csr_array((np.concatenate([own, *beside]), (np.tile(each, 3), columns)), shape=(own.size, own.size))
 
 
 def _without_pose(
@@ -219,7 +257,7 @@ def clean_medians(
     The median is 0 where too few are left, which the last array tells apart.
     """
     off = np.abs(excess - _medians(excess, place, places)[place])
-    slit, scale = place // JAG_CELLS, np.zeros(places // JAG_CELLS)
+    slit, scale = place // CELLS, np.zeros(places // CELLS)
     for j in range(scale.size):
         mine = off[slit == j]
         scale[j] = MAD_TO_SIGMA * float(np.median(mine)) if mine.size else 0.0
@@ -238,6 +276,12 @@ def _medians(values: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places
     return out
 
 
+def _filled(means: Float[np.ndarray, "slits cells"], known: Bool[np.ndarray, "slits cells"]) -> np.ndarray:
+    """The means of the known cells, of one that nothing was seen in as beside it; 0 elsewhere."""
+    beside = (np.roll(means, 1, axis=1) + np.roll(means, -1, axis=1)) / 2
+    return np.where(known, np.where(means != 0, means, beside), 0.0)
+
+
 def _means(values: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places: int) -> Float[np.ndarray, "places"]:
     """Mean of the values at each place; 0 where there are none."""
     total = np.bincount(place, weights=values, minlength=places)
@@ -250,7 +294,8 @@ def _alike_mm(pattern_mm: Float[np.ndarray, "slits cells"]) -> Float[np.ndarray,
     A groove along the whole pipe looks like this to a sensor that does not roll; a slide's lines are printed apart.
     """
     seen = pattern_mm != 0
-    alike = np.sum(pattern_mm, axis=0) / np.maximum(seen.sum(axis=0), 1)
-    out = np.abs(alike) > ALIKE_SIGMAS * max(spread(alike), 1e-9)
+    several = seen.sum(axis=0) >= len(pattern_mm) / 2
+    alike = np.where(several, np.sum(pattern_mm, axis=0) / np.maximum(seen.sum(axis=0), 1), 0.0)
+    out = np.abs(alike) > ALIKE_SIGMAS * max(spread(alike[several]), 1e-9)
     near = np.convolve(np.tile(out, 3), np.ones(2 * ALIKE_MARGIN + 1), "same")[alike.size : 2 * alike.size] > 0
     return np.where(near & out.any(), alike, 0.0)
