@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import uniform_filter
 
 from algorithms.sizing.depth import LARGE_CELLS, Floor
 from algorithms.sizing.edges import Extent, edges_of, extent_of
@@ -13,6 +14,7 @@ from algorithms.sizing.edges import Extent, edges_of, extent_of
 OPEN_MM = 0.05  # a depth known better moves no edge
 CONE_OPEN_MM = 1.0  # of a cone's length: half of it lies in its own shadow, and few lines cross it near its middle
 PARTWAY_SHARE = 0.9  # of the level: so near to it a place is neither wall nor floor
+NEAR_CELLS = 7  # around and along
 
 
 class Outline(NamedTuple):
@@ -40,8 +42,8 @@ def outline_of(
     if level >= 2 * most:  # of single spikes smoothing is thought to have taken most: none is as high as half of that
         level = most
     # along the pipe the innermost slits are several cells wide, and blur a rim into a slope: the others tell its place
-    blurred = blunt & (np.abs(deviation - level) < PARTWAY_SHARE * level)
-    sharp = np.where(blurred, np.nan, deviation)
+    partway = np.abs(deviation - level) < PARTWAY_SHARE * level
+    sharp = np.where(partway & (blunt | _mostly(blunt, partway)), np.nan, deviation)
     outline = _at(deviation, sharp, inside, level, cell_mm, steepest_light_rad)
     open_mm = float(np.hypot(outline.axial.std_mm, CONE_OPEN_MM * depth.cone))
     outline = outline._replace(axial=outline.axial._replace(std_mm=open_mm))
@@ -50,6 +52,12 @@ def outline_of(
         return outline
     other = _at(deviation, sharp, inside, higher, cell_mm, steepest_light_rad)
     return outline._replace(axial=_opened(outline.axial, other.axial), arc=_opened(outline.arc, other.arc))
+
+
+def _mostly(blunt: Bool[np.ndarray, "around along"], of: Bool[np.ndarray, "around along"]) -> np.ndarray:
+    """Where most of these cells nearby are blunt: among those one that the second slit shows, too, is as false."""
+    near = [uniform_filter(cells.astype(np.float32), NEAR_CELLS, mode="constant") for cells in (blunt & of, of)]
+    return near[0] > 0.5 * near[1]
 
 
 def _at(

@@ -27,7 +27,15 @@ from sensor_model.rig import Rig
 from twin.truth import Truth
 
 MOST_FRAMES = 60  # spread over the scan, so that memory stays flat in its length
-JUDGED = ("depth_error_mm_max", "depth_bias_mm", "map_rms_mm", "defects_found", "false_calls")
+JUDGED = (
+    "length_error_mm_max",
+    "width_error_mm_max",
+    "depth_error_mm_max",
+    "depth_bias_mm",
+    "map_rms_mm",
+    "defects_found",
+    "false_calls",
+)
 
 
 def calibrate_slide(scan: Path, out: Path) -> dict[str, Any]:

@@ -125,7 +125,9 @@ def test_every_family_is_found_and_sized(feature):
     assert found.width_mm == pytest.approx(true.width_mm, abs=3.0)
 
 
-def test_a_slope_that_only_blunt_slits_show_in_a_shadow_moves_no_rim():
+@pytest.mark.parametrize("rise", [0.4, 0.0], ids=["slope", "step"])
+@pytest.mark.parametrize("sharper", [0.0, 0.3], ids=["all blunt", "some sharper"])
+def test_a_side_that_blunt_slits_show_in_a_shadow_moves_no_rim(rise, sharper):
     shadow = 7.5 / np.tan(STEEPEST)
 
     def hidden(theta, z):
@@ -133,9 +135,10 @@ def test_a_slope_that_only_blunt_slits_show_in_a_shadow_moves_no_rim():
 
     wall = _map(_pipe(POCKET), hide=hidden)
     dark = hidden(wall.theta_rad[:, None], wall.z_mm[None])
-    slope = dark & (wall.z_mm > 115) & (np.random.default_rng(1).random(dark.shape) < 0.3)
-    radius = np.where(slope, 76.2 + 0.4 * (wall.z_mm - 115), wall.radius_mm)
-    blunt = np.where(slope, 2.0, 1.0) * wall.sigma_mm
+    seen, another = np.random.default_rng(1).random((2, *dark.shape))
+    side = dark & (wall.z_mm > 115) & (seen < 0.3)
+    radius = np.where(side, 76.2 + (3.2 if rise == 0 else rise * (wall.z_mm - 115)), wall.radius_mm)
+    blunt = np.where(side, np.where(another < sharper, 1.35, 2.0), 1.0) * wall.sigma_mm
     (found,) = _measure(replace(wall, radius_mm=radius, sigma_mm=blunt, count=np.where(np.isfinite(radius), 2, 0)))
     assert found.length_mm == pytest.approx(70, abs=1.0)
 
