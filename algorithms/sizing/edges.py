@@ -15,6 +15,7 @@ LINE_OPEN = 0.1  # of the cells between them: what a line between two cells leav
 CELL_SHARE = 0.14  # of a cell: the least by which lines scatter
 NEAR_SIGMAS = 2.0  # lines within so many standard deviations of the outermost edge belong to it
 STRAIGHT_SHARE, STRAIGHT_LINES = 0.5, 6  # where more than this share of so many lines does, the side is straight
+SAME_CELL = 1.0  # cells: a cell that a side runs through is sometimes wall, sometimes floor
 MOST_WORN = 0.8  # cells
 STRAY_SHARE = 0.15  # of all lines: so many may be stray
 STRAY_SIGMAS, STRAY_STEPS = 2.0, 4.0  # apart by more than so much noise, and so many steps from line to line
@@ -142,13 +143,18 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     """Where the smallest of all edges lies, and its standard deviation.
 
     It is the mean of those lines that agree with it: a straight side gives all of its lines, so that noise moves it
-    neither out nor in; a round or pointed one gives its tip.
+    neither out nor in, and lines that see a cell which it runs through the other way do not either; a round or pointed
+    one gives its tip.
     """
     noise = max(_line_noise(edge), CELL_SHARE, 0.5 * float(np.median(open_)))
     first = _first_supported(edge, noise)
     near = np.abs(edge - first) <= NEAR_SIGMAS * noise
+    middle = float(np.median(edge))
+    usual = np.abs(edge - middle) <= NEAR_SIGMAS * noise
     if edge.size >= STRAIGHT_LINES and near.mean() > STRAIGHT_SHARE:  # the outermost of many is out by its noise
         near = np.abs(edge - np.median(edge[near])) <= NEAR_SIGMAS * noise
+    elif edge.size >= STRAIGHT_LINES and usual.mean() > STRAIGHT_SHARE and middle - first < SAME_CELL:
+        near = usual
     # not again: on the side of a slanted groove the lines near a mean lie ever further in
     place, lines = float(edge[near].mean()) if near.any() else first, max(int(near.sum()), 1)
     # the smoothing's median of nine takes a cell over its radius from a round tip, whose chord these lines are

@@ -23,6 +23,7 @@ from algorithms.sizing.background import (
     spreads_near,
 )
 from algorithms.sizing.disposition import at_least, disposition
+from algorithms.sizing.edges import Edges, extent_of
 from algorithms.sizing.measure import SizingSettings, measure_defects
 from algorithms.sizing.segment import groups_along, numbered, segment
 from algorithms.sizing.thresholds import THRESHOLDS, ThresholdSettings
@@ -141,6 +142,18 @@ def test_a_side_that_blunt_slits_show_in_a_shadow_moves_no_rim(rise, sharper):
     blunt = np.where(side, np.where(another < sharper, 1.35, 2.0), 1.0) * wall.sigma_mm
     (found,) = _measure(replace(wall, radius_mm=radius, sigma_mm=blunt, count=np.where(np.isfinite(radius), 2, 0)))
     assert found.length_mm == pytest.approx(70, abs=1.0)
+
+
+def test_a_side_that_runs_through_a_cell_lies_where_most_lines_have_it_and_a_bulge_counts():
+    rng = np.random.default_rng(4)
+    start = 13.4 + 0.05 * rng.standard_normal(60)
+    end, open_ = np.full(60, 31.6), np.full(60, 0.1)
+    bulge = start.copy()
+    bulge[20:36] -= 3.0  # one in four lines, side by side
+    start[rng.permutation(60)[:14]] = 12.9  # as many here and there, by less than a cell
+    straight, bulged = (extent_of(Edges(edge, end, open_, open_), 1.0) for edge in (start, bulge))
+    assert straight.start_mm == pytest.approx(13.4, abs=0.05)
+    assert bulged.start_mm == pytest.approx(10.4, abs=0.1)
 
 
 def test_a_few_cells_that_only_blunt_slits_show_make_no_floor_deeper():
