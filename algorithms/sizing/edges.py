@@ -153,7 +153,7 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     usual = np.abs(edge - middle) <= NEAR_SIGMAS * noise
     if edge.size >= STRAIGHT_LINES and near.mean() > STRAIGHT_SHARE:  # the outermost of many is out by its noise
         near = np.abs(edge - np.median(edge[near])) <= NEAR_SIGMAS * noise
-    elif edge.size >= STRAIGHT_LINES and usual.mean() > STRAIGHT_SHARE and middle - first < SAME_CELL:
+    elif _is_level(edge, usual) and middle - first < SAME_CELL:
         near = usual
     # not again: on the side of a slanted groove the lines near a mean lie ever further in
     place, lines = float(edge[near].mean()) if near.any() else first, max(int(near.sum()), 1)
@@ -166,6 +166,14 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     known = noise**2 * min((LAG + 1) / lines, 1.0) + np.median(open_[near] if near.any() else open_) ** 2
     shifted = place - worn if edge.size > 1 else place  # a lone line tells nothing of a tip
     return shifted, float(np.sqrt(known + steps**2 + (0.5 * worn) ** 2))
+
+
+def _is_level(edge: Float[np.ndarray, "lines"], usual: Bool[np.ndarray, "lines"]) -> bool:
+    """Whether a side runs straight across the lines, by those that lie where most do: not slanted, nor round."""
+    if edge.size < STRAIGHT_LINES or usual.mean() <= STRAIGHT_SHARE:
+        return False
+    halves = edge[: edge.size // 2], edge[edge.size // 2 :]
+    return bool(abs(np.median(halves[0]) - np.median(halves[1])) <= CELL_SHARE)
 
 
 def _first_supported(edge: Float[np.ndarray, "lines"], noise: float) -> float:
