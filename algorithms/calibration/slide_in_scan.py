@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
-from scipy.sparse.linalg import spsolve
 
 from algorithms.calibration.failure import CannotCalibrate
 from algorithms.calibration.pipe_view import WRONG_MM, fit_cylinder, radial_mm
@@ -20,6 +18,9 @@ from algorithms.types import Alignment, RingPoints
 from sensor_model.geometry import apply, projector_azimuth_rad, wall_angle_rad
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Rig
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 LEAST_FRAMES = 16
 CELLS = 720  # around the slide: a real one's jags are 1 degree wide, and between wider cells their tips are lost
@@ -177,18 +178,23 @@ def _between(
     to and fro from cell to cell is then hardly seen, so a table bends no more than it has to. A cell that nothing was
     seen in is known between two that are.
     """
+    from scipy.sparse.linalg import spsolve
+
     bend = BENT_SHARE * _ring(np.full(medians.shape[1], -2.0), np.ones((2, medians.shape[1])))
+    stiff = bend.T @ bend
     table = np.zeros(medians.shape)
     for j in np.flatnonzero(seen.any(axis=1)):
         toward = np.maximum([-beside[j], beside[j]], 0)
         A = _ring(1 - np.abs(beside[j]), toward)[seen[j]]
-        table[j] = spsolve((A.T @ A + bend.T @ bend).tocsc(), A.T @ medians[j, seen[j]])
+        table[j] = spsolve((A.T @ A + stiff).tocsc(), A.T @ medians[j, seen[j]])
     known = seen | (np.roll(seen, 1, axis=1) & np.roll(seen, -1, axis=1))
     return np.where(known, table, 0.0), known
 
 
 def _ring(own: Float[np.ndarray, "n"], beside: Float[np.ndarray, "2 n"]) -> csr_array:
     """The matrix of these shares of each in a ring, and of the one before and after it."""
+    from scipy.sparse import csr_array
+
     each = np.arange(own.size)
     columns = np.concatenate([each, each - 1, each + 1]) % own.size
     return csr_array((np.concatenate([own, *beside]), (np.tile(each, 3), columns)), shape=(own.size, own.size))

@@ -151,10 +151,11 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     near = np.abs(edge - first) <= NEAR_SIGMAS * noise
     middle = float(np.median(edge))
     usual = np.abs(edge - middle) <= NEAR_SIGMAS * noise
-    if edge.size >= STRAIGHT_LINES and near.mean() > STRAIGHT_SHARE:  # the outermost of many is out by its noise
-        near = np.abs(edge - np.median(edge[near])) <= NEAR_SIGMAS * noise
-    elif _is_level(edge, usual) and middle - first < SAME_CELL:
-        near = usual
+    if edge.size >= STRAIGHT_LINES:
+        if near.mean() > STRAIGHT_SHARE:  # the outermost of many is out by its noise
+            near = np.abs(edge - np.median(edge[near])) <= NEAR_SIGMAS * noise
+        elif usual.mean() > STRAIGHT_SHARE and middle - first < SAME_CELL and _is_level(edge):
+            near = usual
     # not again: on the side of a slanted groove the lines near a mean lie ever further in
     place, lines = float(edge[near].mean()) if near.any() else first, max(int(near.sum()), 1)
     # the smoothing's median of nine takes a cell over its radius from a round tip, whose chord these lines are
@@ -168,12 +169,10 @@ def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines
     return shifted, float(np.sqrt(known + steps**2 + (0.5 * worn) ** 2))
 
 
-def _is_level(edge: Float[np.ndarray, "lines"], usual: Bool[np.ndarray, "lines"]) -> bool:
-    """Whether a side runs straight across the lines, by those that lie where most do: not slanted, nor round."""
-    if edge.size < STRAIGHT_LINES or usual.mean() <= STRAIGHT_SHARE:
-        return False
-    halves = edge[: edge.size // 2], edge[edge.size // 2 :]
-    return bool(abs(np.median(halves[0]) - np.median(halves[1])) <= CELL_SHARE)
+def _is_level(edge: Float[np.ndarray, "lines"]) -> bool:
+    """Whether both halves of a side's lines have it in the same place: it does not slant."""
+    half = edge.size // 2
+    return bool(abs(np.median(edge[:half]) - np.median(edge[half:])) <= CELL_SHARE)
 
 
 def _first_supported(edge: Float[np.ndarray, "lines"], noise: float) -> float:
