@@ -22,7 +22,7 @@ from algorithms.sizing.unlit import drop_unlit
 from algorithms.triangulate import triangulate
 from algorithms.types import Alignment, FrameResult, Reconstruction, RingPoints, Trajectory, Wall, WallMap
 from algorithms.wall_map import MapBuilder, MapTorn, add_points, finish_map, on_a_wall, shift_waiting
-from sensor_model.geometry import fast_arctan2
+from sensor_model.geometry import fast_arctan2, turn_of_frame
 from sensor_model.recording import Frame, NominalPipe, SlitPixels
 from sensor_model.rig import Rig
 
@@ -62,7 +62,7 @@ def see(frame: Frame, rig: Rig, method: Method) -> SlitPixels:
         return frame.slit_pixels
     if frame.picture is None:
         raise ValueError(f"frame {frame.index} has neither a picture nor slit pixels")
-    return decode(frame.picture, rig, method.decode)
+    return decode(frame.picture, rig, method.decode, frame.index)
 
 
 def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
@@ -74,7 +74,7 @@ def step(state: State, frame: Frame, seen: SlitPixels) -> FrameResult:
     if alignment.converged:
         kept = on_a_wall(points, alignment.T_pipe_camera, state.pipe)
         add_points(state.builder, points, kept, alignment)
-    result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(points, state))
+    result = FrameResult(frame.index, frame.stamp_ns, points, kept, alignment, decode_yield(frame, points, state))
     # the points live on in the map only
     none = np.zeros(0, dtype=bool)
     state.results.append(replace(result, points=_NOTHING, kept=none, alignment=replace(alignment, inliers=none)))
@@ -114,22 +114,23 @@ def estimator_of(method: Method) -> Estimator:
     return ESTIMATORS[method.localisation.kind]
 
 
-def decode_yield(points: RingPoints, state: State) -> float:
+def decode_yield(frame: Frame, points: RingPoints, state: State) -> float:
     """Share of all (slit, azimuth) places of the picture in which a slit was seen."""
-    camera, slits = state.rig.camera, len(state.rig.projector.slits)
-    return share_of_places(points.pixel, points.ring, (camera.cx_px, camera.cy_px), slits, state.method.decode.azimuths)
+    camera, turn = state.rig.camera, turn_of_frame(frame.index)
+    shape = len(state.rig.projector.slits), state.method.decode.azimuths
+    return share_of_places(points.pixel, points.ring, (camera.cx_px, camera.cy_px), shape, turn)
 
 
 @njit(cache=True, error_model="numpy")
-def share_of_places(pixel, slit, middle_px, slits, azimuths):
-    """Share of all places, each a slit's and the azimuth around a middle nearest to a pixel, that were seen."""
-    around, seen = np.empty(slit.size), np.zeros((slits, azimuths), dtype=np.bool_)
+def share_of_places(pixel, slit, middle_px, shape, turn):
+    """Share of all places, each a slit's and the line around a middle nearest to a pixel, that were seen."""
+    around, seen = np.empty(slit.size), np.zeros(shape, dtype=np.bool_)
     for i in range(slit.size):
-        turn = fast_arctan2(pixel[i, 0] - middle_px[0], middle_px[1] - pixel[i, 1]) / (2 * np.pi)
-        around[i] = np.rint(turn * azimuths)
+        angle = fast_arctan2(pixel[i, 0] - middle_px[0], middle_px[1] - pixel[i, 1])
+        around[i] = np.rint(angle / (2 * np.pi) * shape[1] - turn)
     for i in range(slit.size):
         place = int(around[i])
-        seen[slit[i], place + azimuths if place < 0 else place] = True
+        seen[slit[i], place + shape[1] if place < 0 else place] = True
     return np.count_nonzero(seen) / seen.size
 
 

@@ -84,7 +84,7 @@ def _frames(true: Rig, seed: int) -> Iterator[SlitPixels]:
         T_pipe_camera = np.eye(4)
         T_pipe_camera[:3, :3] = Rotation.from_euler("xy", way.normal(0, TILT_STD_DEG, 2), degrees=True).as_matrix()
         T_pipe_camera[:3, 3] = [*way.normal(0, ASIDE_STD_MM, 2), STEP_MM * k]
-        yield see_slits(pipe, T_pipe_camera, true, PointNoise(), noise)
+        yield see_slits(pipe, T_pipe_camera, true, PointNoise(), noise, frame_index=k)
 
 
 if __name__ == "__main__":

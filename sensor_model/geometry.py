@@ -8,6 +8,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 GRAVITY_M_S2 = 9.80665
+TURNS, TURNED_ON = 13, 8
 FISHEYE_NEWTON_STEPS = 8
 FISHEYE_CLOSE_RAD = 1e-9  # a step as small as this was the last: the next would be its square
 
@@ -32,6 +33,16 @@ def clock_position(theta_rad: float) -> str:
     """Angle around the wall as the trade writes it, h:mm (twelve hours are one turn)."""
     minutes = round(float(np.mod(theta_rad, 2 * np.pi)) / (2 * np.pi) * 720) % 720
     return f"{minutes // 60 or 12}:{minutes % 60:02d}"
+
+
+def turn_of_frame(frame_index: int) -> float:
+    """Share of a step (0 to 1) by which the lines of this frame, along which slits are found, are turned clockwise.
+
+    Were they the same in all frames, a robot that runs along the axis would see the wall along them alone, and a
+    defect's side would stay hidden between two of them. By Fibonacci's numbers any few frames in succession spread
+    their lines evenly; 13 is prime, so every second or tenth frame does, too.
+    """
+    return TURNED_ON * frame_index % TURNS / TURNS
 
 
 def transform(

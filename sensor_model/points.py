@@ -12,7 +12,7 @@ from numba import njit
 from pydantic import BeforeValidator, Field
 
 from sensor_model.bent_light import seen_ends
-from sensor_model.geometry import fisheye_pixel, jag_rad, lens_of, wrap_rad
+from sensor_model.geometry import TURNS, fisheye_pixel, jag_rad, lens_of, turn_of_frame, wrap_rad
 from sensor_model.glass import ORIGIN, Glass
 from sensor_model.recording import SlitPixels
 from sensor_model.rig import Projector, Rig, load_settings
@@ -103,13 +103,14 @@ class Fan(NamedTuple):
     places: int
 
 
-@lru_cache(maxsize=8)
-def fan(projector: Projector, azimuths: int, jag_deg: float = 0.0, jag_cells: int = 1024) -> Fan:
+@lru_cache(maxsize=2 * TURNS)
+def fan(projector: Projector, azimuths: int, jag_deg: float = 0.0, jag_cells: int = 1024, turn: float = 0.0) -> Fan:
     """Each slit's centre line, with the slide's jaggedness, followed at equal steps around the projector's axis.
 
-    Jaggedness is the rig's own, and beyond it the drawn slide's print where `jag_deg` says how large.
+    The first ray lies `turn` steps clockwise of 12 o'clock. Jaggedness is the rig's own, and beyond it the drawn
+    slide's print where `jag_deg` says how large.
     """
-    around = np.arange(azimuths) * 2 * np.pi / azimuths
+    around = (np.arange(azimuths) + turn) * 2 * np.pi / azimuths
     slit, azimuth = (grid.ravel() for grid in np.meshgrid(np.arange(len(projector.slits)), around, indexing="ij"))
     alpha = projector.slit_half_angles_rad[slit]
     if projector.jag_table_rad.size:
@@ -136,8 +137,11 @@ def see_slits(
     rng: np.random.Generator,
     glass: Glass = NO_GLASS,
     water: Water = NO_WATER,
+    frame_index: int = 0,
 ) -> SlitPixels:
     """Where the camera sees each slit: light from the apex to its first wall point, and from there to the camera.
+
+    As by the decoder, slits are found along lines that turn from frame to frame (`turn_of_frame`).
 
     Lost: the strut's sector, what the rim of a defect hides from projector or camera, holes, what falls outside the
     picture, and drop-outs. A glass tube bends the light on both ways, and so does standing water, of which only what
@@ -146,7 +150,8 @@ def see_slits(
     Raises:
         ValueError: when there is glass or water and the sensor does not fit into the one, or is in the other.
     """
-    light, camera = fan(rig.projector, noise.azimuths, noise.slide_jag_deg, noise.slide_jag_cells), rig.camera
+    turn, camera = turn_of_frame(frame_index), rig.camera
+    light = fan(rig.projector, noise.azimuths, noise.slide_jag_deg, noise.slide_jag_cells, turn)
     noise_px, bias_px, drop_out_share, sigma_px = noise.of_slits(len(rig.projector.slits))
     of_place = np.repeat(np.arange(noise_px.size), noise.azimuths)
     # drawn for all, so that draws do not depend on sight

@@ -118,7 +118,8 @@ def write_frame(
     optics = sensing.optics
     if sensing.fidelity == "points":
         rng = stream(seed, "points", index)
-        write_slit_pixels(file, see_slits(pipe, middle, rig, sensing.points, rng, optics.glass, optics.water))
+        seen = see_slits(pipe, middle, rig, sensing.points, rng, optics.glass, optics.water, index)
+        write_slit_pixels(file, seen)
         return
     from sensor_model.daylight import daylight
     from sensor_model.focus import nearness_per_mm

@@ -26,7 +26,7 @@ LEAST_FRAMES = 16
 CELLS = 720  # around the slide: a real one's jags are 1 degree wide, and between wider cells their tips are lost
 LEAST_SIGHTS = 8  # of a place on the slide
 ROUNDS = 3  # what is cut, and the cylinders, change with the table
-BENT_SHARE = 0.3  # of how far a table bends from cell to cell: what its cells' medians are open by
+BENT_SHARE = 0.3  # of how far a table bends from cell to cell: what its cells' means are open by
 CUT_SIGMAS = 3.0
 LEAST_PER_RAD = 1.0
 BORE_ROUNDS = 5
@@ -126,9 +126,9 @@ def _taught(frames: Sequence[SlitPixels], smooth: Rig) -> _Lesson:
     table, unused_share, lever, known = np.zeros(shape), 0.0, np.zeros(shape), np.zeros(shape, dtype=bool)
     for _ in range(ROUNDS):
         sights = _all_sights(frames, with_jag(smooth, table))
-        medians, clean, seen = clean_medians(sights.excess_rad, sights.place, table.size)
+        means, clean, seen = clean_means(sights.excess_rad, sights.place, table.size)
         beside = _means(sights.beside[clean], sights.place[clean], table.size)
-        step, known = _between(medians.reshape(shape), beside.reshape(shape), seen.reshape(shape))
+        step, known = _between(means.reshape(shape), beside.reshape(shape), seen.reshape(shape))
         lever, weight, ahead = (
             _filled(_means(values, sights.place, table.size).reshape(shape), known)
             for values in (sights.per_rad_mm, sights.weight, sights.ahead_mm)
@@ -168,25 +168,24 @@ def _sights(points: RingPoints, alignment: Alignment, rig: Rig) -> _Sights:
 
 
 def _between(
-    medians: Float[np.ndarray, "slits cells"],
+    means: Float[np.ndarray, "slits cells"],
     beside: Float[np.ndarray, "slits cells"],
     seen: Bool[np.ndarray, "slits cells"],
 ) -> tuple[Float[np.ndarray, "slits cells"], Bool[np.ndarray, "slits cells"]]:
     """Tables that, straight between the middles of their cells, go through what was seen beside these; what is known.
 
-    As many lines as there are cells pass by all places but their middles, where the robot does not roll: what goes
-    to and fro from cell to cell is then hardly seen, so a table bends no more than it has to. A cell that nothing was
-    seen in is known between two that are.
+    What goes to and fro from cell to cell is hardly seen by lines that all pass midway between two middles, so a table
+    bends no more than it has to. A cell that nothing was seen in is known between two that are.
     """
     from scipy.sparse.linalg import spsolve
 
-    bend = BENT_SHARE * _ring(np.full(medians.shape[1], -2.0), np.ones((2, medians.shape[1])))
+    bend = BENT_SHARE * _ring(np.full(CELLS, -2.0), np.ones((2, CELLS)))
     stiff = bend.T @ bend
-    table = np.zeros(medians.shape)
+    table = np.zeros(means.shape)
     for j in np.flatnonzero(seen.any(axis=1)):
         toward = np.maximum([-beside[j], beside[j]], 0)
         A = _ring(1 - np.abs(beside[j]), toward)[seen[j]]
-        table[j] = spsolve((A.T @ A + stiff).tocsc(), A.T @ medians[j, seen[j]])
+        table[j] = spsolve((A.T @ A + stiff).tocsc(), A.T @ means[j, seen[j]])
     known = seen | (np.roll(seen, 1, axis=1) & np.roll(seen, -1, axis=1))
     return np.where(known, table, 0.0), known
 
@@ -255,12 +254,12 @@ def _off_the_bore_mm(points: RingPoints, alignment: Alignment) -> Float[np.ndarr
     return off
 
 
-def clean_medians(
+def clean_means(
     excess: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places: int
 ) -> tuple[Float[np.ndarray, "places"], Bool[np.ndarray, "n"], Bool[np.ndarray, "places"]]:
-    """Median at each place of what is left once defects and joints are cut, and what is left.
+    """Mean at each place of what is left once defects and joints are cut, which is told by the median; what is left.
 
-    The median is 0 where too few are left, which the last array tells apart.
+    The mean is 0 where too few are left, which the last array tells apart.
     """
     off = np.abs(excess - _medians(excess, place, places)[place])
     slit, scale = place // CELLS, np.zeros(places // CELLS)
@@ -269,7 +268,7 @@ def clean_medians(
         scale[j] = MAD_TO_SIGMA * float(np.median(mine)) if mine.size else 0.0
     clean = off <= CUT_SIGMAS * scale[slit]
     known = np.bincount(place[clean], minlength=places) >= LEAST_SIGHTS
-    return np.where(known, _medians(excess[clean], place[clean], places), 0.0), clean, known
+    return np.where(known, _means(excess[clean], place[clean], places), 0.0), clean, known
 
 
 def _medians(values: Float[np.ndarray, "n"], place: Int[np.ndarray, "n"], places: int) -> Float[np.ndarray, "places"]:

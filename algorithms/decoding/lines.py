@@ -30,17 +30,18 @@ def radial_range_px(rig: Rig) -> tuple[int, int]:
     return int(first), int(last)
 
 
-def directions(azimuths: int) -> Float[np.ndarray, "azimuths 2"]:
-    """Direction of each line in the picture: from 12 o'clock, clockwise (u right, v down)."""
-    angle = np.arange(azimuths) * 2 * np.pi / azimuths
+def directions(azimuths: int, turn: float = 0.0) -> Float[np.ndarray, "azimuths 2"]:
+    """Direction of each line in the picture: from `turn` steps past 12 o'clock, clockwise (u right, v down)."""
+    angle = (np.arange(azimuths) + turn) * 2 * np.pi / azimuths
     return np.stack([np.sin(angle), -np.cos(angle)], axis=1)
 
 
-def polar_lines(picture: UInt8[np.ndarray, "height width 3"], rig: Rig, azimuths: int) -> Lines:
-    """The picture resampled along lines from the principal point, one pixel a step."""
+def polar_lines(
+    picture: UInt8[np.ndarray, "height width 3"], rig: Rig, along: Float[np.ndarray, "azimuths 2"]
+) -> Lines:
+    """The picture resampled from the principal point along lines of these directions, one pixel a step."""
     first, last = radial_range_px(rig)
-    camera = rig.camera
-    return Lines(*_polar(picture.ravel(), picture.shape, camera.cx_px, camera.cy_px, directions(azimuths), first, last))
+    return Lines(*_polar(picture.ravel(), picture.shape, rig.camera.cx_px, rig.camera.cy_px, along, first, last))
 
 
 @njit(cache=True)

@@ -153,7 +153,7 @@ class Sights(NamedTuple):
 def look_at(pipe: Pipe, log: DriveLog, rig: Rig, noise: PointNoise, rng: np.random.Generator) -> Sights:
     """What the sensor sees of a pipe on the way, from the axis."""
     poses = (transform(about(roll), np.array([0.0, 0.0, z])) for z, roll in zip(log.z_mm, log.roll_rad, strict=True))
-    points = (triangulate(see_slits(pipe, T, rig, noise, rng), rig) for T in poses)
+    points = (triangulate(see_slits(pipe, T, rig, noise, rng, frame_index=k), rig) for k, T in enumerate(poses))
     return Sights(tuple(points), pipe.bore_radius_mm)
 
 

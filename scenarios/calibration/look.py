@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 from algorithms.calibration.pipe_view import PipeView
 from algorithms.calibration.slide import with_jag
 from algorithms.decoding.dips import find_dips
-from algorithms.decoding.lines import pixel_noise, polar_lines, radial_range_px
+from algorithms.decoding.lines import directions, pixel_noise, polar_lines, radial_range_px
 from algorithms.decoding.settings import DecodeSettings
 from algorithms.robust import MAD_TO_SIGMA
 from sensor_model.focus import nearness_per_mm
@@ -56,7 +56,7 @@ class Look:
 def look_of(picture: UInt8[np.ndarray, "height width 3"], view: PipeView, rig: Rig) -> Look:
     """Measure a decoded picture."""
     settings = DecodeSettings()
-    lines = polar_lines(picture, rig, settings.azimuths)
+    lines = polar_lines(picture, rig, directions(settings.azimuths))
     first = radial_range_px(rig)[0]
     radius = _radii(view, rig, settings.azimuths)
     slits = len(radius)

@@ -107,7 +107,7 @@ def close_eyes(eyes: Eyes) -> None:
 
 def _look(folder: Path, due: Due, rig: Rig, method: Method) -> Look:
     """Look at a frame, and keep what it showed: the slits first, then the line that says that they are whole."""
-    shown = look(due.file, rig, method)
+    shown = look(due.file, due.frame.index, rig, method)
     slits, facts = _files(folder, due)
     work = slits.with_suffix(f".{os.getpid()}.npy")
     write_slit_pixels(work, shown.seen)

@@ -38,10 +38,10 @@ class Look(NamedTuple):
 def look_at(folder: str, index: int, method: Method) -> Look:
     """Look at one frame of a recording."""
     recording = opened(folder)
-    return look(recording.folder / recording.frame_files[index], recording.rig, method)
+    return look(recording.folder / recording.frame_files[index], index, recording.rig, method)
 
 
-def look(file: Path, rig: Rig, method: Method) -> Look:
+def look(file: Path, index: int, rig: Rig, method: Method) -> Look:
     """Read and decode one frame; one that cannot be read shows nothing, and says why."""
     try:
         content = read_frame(file, rig)
@@ -50,7 +50,7 @@ def look(file: Path, rig: Rig, method: Method) -> Look:
     if isinstance(content, SlitPixels):
         return Look(content, _digest(content.pixel))
     some = np.ascontiguousarray(content[::EVERY_PX, ::EVERY_PX])
-    return Look(decode(content, rig, method.decode), _digest(some), *_exposure(some))
+    return Look(decode(content, rig, method.decode, index), _digest(some), *_exposure(some))
 
 
 def _digest(values: np.ndarray) -> bytes:

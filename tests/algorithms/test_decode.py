@@ -59,6 +59,20 @@ def test_fading_light_does_not_move_the_slits():
         assert abs(error[points.ring == ring].mean()) < 0.06
 
 
+def test_frames_are_looked_at_along_lines_that_turn_and_see_the_same_wall():
+    picture = _picture(CLEAN, Optics.ideal())
+    seen = [decode(picture, RIG, DecodeSettings(), index) for index in (0, 5)]
+    turns = []
+    for one in seen:
+        x, y = (one.pixel - [RIG.camera.cx_px, RIG.camera.cy_px]).T
+        steps = np.degrees(np.arctan2(x, -y)) / 0.5
+        turns.append(np.median(steps % 1))
+        assert np.abs((steps - turns[-1] + 0.5) % 1 - 0.5).max() < 1e-6
+        assert abs(_radial_error(one, CLEAN)[1].mean()) < 0.02
+    assert turns == pytest.approx([0.0, 5 * 8 / 13 % 1], abs=1e-6)
+    assert abs(seen[0].slit.size - seen[1].slit.size) < 0.005 * seen[0].slit.size
+
+
 def test_words_are_right_past_a_deep_pocket(noisy):
     seen = decode(noisy, RIG, DecodeSettings())
     assert np.mean(true_slits(CARVED, RIG, seen.pixel, POSE) != seen.slit) < 0.005
@@ -70,7 +84,7 @@ def test_words_are_right_past_a_deep_pocket(noisy):
 def test_compiled_resampling_agrees_with_a_library(noisy):
     import cv2
 
-    ours = lines.polar_lines(noisy, RIG, 90).rgb
+    ours = lines.polar_lines(noisy, RIG, lines.directions(90)).rgb
     first, last = lines.radial_range_px(RIG)
     along = lines.directions(90)[:, None, :] * np.arange(first, last)[None, :, None]
     x, y = (RIG.camera.cx_px + along[..., 0]).astype(np.float32), (RIG.camera.cy_px + along[..., 1]).astype(np.float32)
@@ -191,7 +205,7 @@ def test_compiled_choice_of_unusual_places_agrees_with_plain_medians():
 
 
 def test_compiled_gathering_along_slits_agrees_with_a_plain_walk(noisy):
-    found = dips.find_dips(lines.polar_lines(noisy, RIG, 180), 0, DecodeSettings())
+    found = dips.find_dips(lines.polar_lines(noisy, RIG, lines.directions(180)), 0, DecodeSettings())
     pooled, share = colors._along_slits(found.found, found.radius_px, found.rgb, 4, colors.CARRY_PX)
     for k in range(0, 180, 17):
         for i in range(found.found[k]):
@@ -236,7 +250,7 @@ def test_compiled_comparing_of_colours_agrees_with_plain_arrays():
 
 
 def test_compiled_scores_agree_with_plain_arrays(noisy):
-    found = dips.find_dips(lines.polar_lines(noisy, RIG, 180), 0, DecodeSettings())
+    found = dips.find_dips(lines.polar_lines(noisy, RIG, lines.directions(180)), 0, DecodeSettings())
     pooled, share = colors._along_slits(found.found, found.radius_px, found.rgb, 4, colors.CARRY_PX)
     anchor = share >= colors.LEAST_SHARE
     bands = colors._beyond_floor(found.found, found.radius_px, found.width_px, pooled, anchor, found.start_rgb)

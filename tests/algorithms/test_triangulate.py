@@ -92,6 +92,7 @@ def test_a_ray_inside_its_cone_gives_no_point():
 def test_the_yield_counts_every_place_once():
     rng = np.random.default_rng(0)
     pixel, slit = rng.uniform(0, 1000, (3000, 2)), rng.integers(0, 8, 3000)
-    turn = np.arctan2(pixel[:, 0] - 480.0, 510.0 - pixel[:, 1]) / (2 * np.pi)
-    places = set(zip(slit.tolist(), (np.rint(turn * 360) % 360).tolist(), strict=True))
-    assert share_of_places(pixel, slit, (480.0, 510.0), 8, 360) == len(places) / (8 * 360)
+    line = np.arctan2(pixel[:, 0] - 480.0, 510.0 - pixel[:, 1]) / (2 * np.pi) * 360
+    for turn in (0.0, 8 / 13):
+        places = set(zip(slit.tolist(), (np.rint(line - turn) % 360).tolist(), strict=True))
+        assert share_of_places(pixel, slit, (480.0, 510.0), (8, 360), turn) == len(places) / (8 * 360)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from algorithms.calibration.pipe_view import fit_cylinder
 from algorithms.calibration.slide import with_jag
-from algorithms.calibration.slide_in_scan import CELLS, clean_medians, learn_slide_from_scan, radius_per_rad
+from algorithms.calibration.slide_in_scan import CELLS, clean_means, learn_slide_from_scan, radius_per_rad
 from algorithms.triangulate import triangulate
 from scenarios.calibration.rig_file import write_rig
 from scenarios.cli import app
@@ -146,10 +146,10 @@ def test_what_passes_by_a_place_is_cut():
     place = np.repeat(np.arange(0, 2 * CELLS, 2), 40)
     excess = 0.01 * (place == 40) + 1e-4 * rng.standard_normal(place.size)
     passing = rng.random(place.size) < 0.2
-    median, clean, known = clean_medians(np.where(passing, excess + 0.005, excess), place, 2 * CELLS)
+    mean, clean, known = clean_means(np.where(passing, excess + 0.005, excess), place, 2 * CELLS)
     assert not clean[passing].any()
-    assert median[40] == pytest.approx(0.01, abs=1e-4)
-    assert np.abs(np.delete(median, 40)).max() < 1e-4
+    assert mean[40] == pytest.approx(0.01, abs=1e-4)
+    assert np.abs(np.delete(mean, 40)).max() < 1e-4
     assert known[::2].all()
     assert not known[1::2].any()
 

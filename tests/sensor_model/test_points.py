@@ -53,6 +53,24 @@ def test_a_hole_returns_no_light():
     assert (open_ > 83.65).sum() == 0
 
 
+def test_frames_in_succession_see_the_wall_between_one_anothers_lines():
+    pipe, noise = Pipe(inner_radius_mm=76.2, wall_thickness_mm=7.5), EXACT.model_copy(update={"azimuths": 720})
+
+    def around_deg(frames):
+        seen = [
+            see_slits(pipe, np.eye(4), preset_rig(), noise, np.random.default_rng(0), frame_index=k) for k in frames
+        ]
+        points = [triangulate(one, preset_rig()) for one in seen]
+        x, y = np.concatenate([p.xyz_mm[p.ring == 4, :2] for p in points]).T
+        return np.sort(np.degrees(np.arctan2(x, -y)) % 360)
+
+    for frames, widest in (([7], 13), (range(40, 45), 3), (range(13), 1), (range(0, 130, 10), 1)):
+        lit = around_deg(frames)
+        lit = lit[(lit > 30) & (lit < 330)]
+        assert np.diff(lit).max() == pytest.approx(widest * 0.5 / 13)
+    assert np.array_equal(around_deg([3]), around_deg([16]))
+
+
 def test_the_strut_hides_its_sector_and_drop_outs_drop():
     points, _, _, _ = _wall(_pipe())
     azimuth = np.degrees(np.arctan2(points.direction[:, 0], -points.direction[:, 1]))

@@ -42,8 +42,8 @@ def pair(run_of, tmp_path_factory):
     """A year apart: the later scan is launched 12 mm off, and its strut hides the pit at 12:40."""
     place = tmp_path_factory.mktemp("pair")
     told = "nominal_pipe={inner_radius_mm: 76.2, wall_thickness_mm: 7.5, launch_mm: 12}"
-    run_of(place / "before", *SHORT, BEFORE, _drive(-25, "[0, 0]"), seed=1)
-    run_of(place / "after", *SHORT, AFTER, _drive(20, "[2, 1]"), told, seed=2)
+    run_of(place / "before", *SHORT, BEFORE, _drive(-25, "[0, 0]"), seed=3)
+    run_of(place / "after", *SHORT, AFTER, _drive(20, "[2, 1]"), told, seed=4)
     return place / "before", place / "after"
 
 
