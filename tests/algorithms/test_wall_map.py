@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,10 +85,22 @@ def test_compiled_reduction_agrees_with_plain_numpy():
             continue
         assert steepest[c] == mine[:, 3].max()
         order = mine[np.argsort(mine[:, 1])]
-        half = np.searchsorted(np.cumsum(order[:, 2]), order[:, 2].sum() / 2)
+        weight = order[:, 2] * order[:, 1] ** 4
+        half = np.searchsorted(np.cumsum(weight), weight.sum() / 2)
         assert radius[c] == order[half, 1]
         assert sigma[c] == pytest.approx(np.mean(mine[:, 2]) ** -0.5)
         assert spread[c] == pytest.approx(1.4826 * np.median(np.abs(mine[:, 1] - radius[c])))
+
+
+def test_a_floor_counts_as_much_as_the_wall_beside_it_seen_by_the_same_slits():
+    radius = np.repeat([76.2, 83.7], [3, 4])
+    ring = _ring(np.radians(np.full(7, 90.5)), np.full(7, 0.5), radius)
+    ring = replace(ring, sigma_mm=0.2 * (radius / 76.2) ** 2)
+    builder = MapBuilder(MapSettings())
+    add_points(builder, ring, _everything(ring), HERE)
+    wall = finish_map(builder)
+    assert np.nanmax(wall.radius_mm) == pytest.approx(83.7)
+    assert np.nanmax(wall.sigma_mm) == pytest.approx(0.5 * np.mean(ring.sigma_mm**-2.0) ** -0.5)  # across the wall
 
 
 def test_memory_stays_flat_and_late_points_still_count():
