@@ -11,7 +11,9 @@ from algorithms.robust import spread
 
 GAP_MM = 2.0  # more unseen wall than this between wall and floor is a shadow
 LOST_MM = 7.0  # over so much unseen wall nothing is drawn
-LINE_OPEN = 0.1  # of the cells between them: what a line between two cells leaves open of an edge's place
+LINE_OPEN = 0.06  # of the cells between them: what a line between two cells leaves open of an edge's place,
+NOISE_OPEN_MM = 0.06  # over the step between them: what noise of the map adds to that, alike for many lines;
+MOST_LINE_OPEN = 0.1  # where the step is lower still, the lines' own scatter tells
 CELL_SHARE = 0.14  # of a cell: the least by which lines scatter
 NEAR_SIGMAS = 2.0  # lines within so many standard deviations of the outermost edge belong to it
 STRAIGHT_SHARE, STRAIGHT_LINES = 0.5, 6  # where more than this share of so many lines does, the side is straight
@@ -127,9 +129,12 @@ def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float, lost
     """
     if outside < 0 or abs(outside - deep) >= lost:
         return deep + 0.5 * np.sign(outside - deep), lost / 2
-    low, high = deviation[outside], deviation[deep]
-    share = np.clip((level - low) / (high - low), 0.0, 1.0) if high > low else 0.5
-    return outside + share * (deep - outside), LINE_OPEN * abs(deep - outside)
+    low, step = deviation[outside], deviation[deep] - deviation[outside]
+    if step <= 0:
+        return 0.5 * (outside + deep), MOST_LINE_OPEN * abs(deep - outside)
+    share = np.clip((level - low) / step, 0.0, 1.0)
+    open_ = min(float(np.hypot(LINE_OPEN, NOISE_OPEN_MM / step)), MOST_LINE_OPEN)
+    return outside + share * (deep - outside), open_ * abs(deep - outside)
 
 
 def extent_of(edges: Edges, cell_mm: float) -> Extent:
