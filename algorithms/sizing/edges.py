@@ -11,9 +11,9 @@ from algorithms.robust import spread
 
 GAP_MM = 2.0  # more unseen wall than this between wall and floor is a shadow
 LOST_MM = 7.0  # over so much unseen wall nothing is drawn
-LINE_OPEN = 0.06  # of the cells between them: what a line between two cells leaves open of an edge's place,
-NOISE_OPEN_MM = 0.06  # over the step between them: what noise of the map adds to that, alike for many lines;
-MOST_LINE_OPEN = 0.1  # where the step is lower still, the lines' own scatter tells
+PLACE_OPEN_MM = 0.08  # of a side, however small the cells: the sensor's roll and place, which many lines share
+UNSEEN_OPEN = 0.1  # of the unseen cells between wall and floor: what is open of an edge's place among them
+NOISE_OPEN_MM, MOST_NOISE_OPEN = 0.06, 0.1  # over the step of a side: what the map's noise leaves open of it, in cells
 CELL_SHARE = 0.14  # of a cell: the least by which lines scatter
 NEAR_SIGMAS = 2.0  # lines within so many standard deviations of the outermost edge belong to it
 STRAIGHT_SHARE, STRAIGHT_LINES = 0.5, 6  # where more than this share of so many lines does, the side is straight
@@ -130,18 +130,18 @@ def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float, lost
     if outside < 0 or abs(outside - deep) >= lost:
         return deep + 0.5 * np.sign(outside - deep), lost / 2
     low, step = deviation[outside], deviation[deep] - deviation[outside]
-    if step <= 0:
-        return 0.5 * (outside + deep), MOST_LINE_OPEN * abs(deep - outside)
-    share = np.clip((level - low) / step, 0.0, 1.0)
-    open_ = min(float(np.hypot(LINE_OPEN, NOISE_OPEN_MM / step)), MOST_LINE_OPEN)
-    return outside + share * (deep - outside), open_ * abs(deep - outside)
+    share = np.clip((level - low) / step, 0.0, 1.0) if step > 0 else 0.5
+    apart = abs(deep - outside)
+    noise = apart * (min(NOISE_OPEN_MM / step, MOST_NOISE_OPEN) if step > 0 else MOST_NOISE_OPEN)
+    return outside + share * (deep - outside), float(np.hypot(UNSEEN_OPEN * (apart - 1), noise))
 
 
 def extent_of(edges: Edges, cell_mm: float) -> Extent:
     """The outermost edges of all lines, and how well their distance is known."""
     start, start_std = _outermost(edges.start, edges.start_std)
     end, end_std = _outermost(-edges.end, edges.end_std)
-    return Extent(start * cell_mm, -end * cell_mm, float(np.hypot(start_std, end_std)) * cell_mm)
+    std_mm = np.sqrt((start_std**2 + end_std**2) * cell_mm**2 + 2 * PLACE_OPEN_MM**2)
+    return Extent(start * cell_mm, -end * cell_mm, float(std_mm))
 
 
 def _outermost(edge: Float[np.ndarray, "lines"], open_: Float[np.ndarray, "lines"]) -> tuple[float, float]:
