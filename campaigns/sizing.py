@@ -19,7 +19,7 @@ from algorithms.trust.curve import NoCurve, size_at
 from algorithms.trust.detection import a90_95
 from algorithms.trust.exact_bounds import Rate, rate_of, run_of_hits_bound, share_lower, share_of
 from algorithms.trust.hit_miss import HitMiss, fit_hit_miss
-from campaigns.sizing_scans import FIRST_MM, SENSORS, Looked, looked, place_of, scenario_of
+from campaigns.sizing_scans import FIRST_MM, SENSORS, Looked, looked, place_of, scenario_of, with_slide
 from scenarios.equations import err_pct, error_pct
 from scenarios.load import load_scenario
 from scenarios.oracle import oracle_err_pct
@@ -200,8 +200,9 @@ def paper(asked: argparse.Namespace) -> np.ndarray:
     """
     rows = []
     for seed in range(asked.first, asked.first + asked.scans):
-        settings = ["sensing.fidelity=points", *SENSORS[asked.sensor], *asked.set]
-        one = looked(load_scenario("paper-wall-loss", settings, seed), asked.maps)
+        settings = (*SENSORS[asked.sensor], *asked.set)
+        scenario = load_scenario("paper-wall-loss", ["sensing.fidelity=points", *settings], seed)
+        one = looked(with_slide(scenario, settings), asked.maps)
         for feature, (true, d) in zip(one.pipe.features, one.pairs(), strict=True):
             if d is None:
                 raise SystemExit(f"seed {seed}: the pocket at {feature.distance_mm} mm was missed")

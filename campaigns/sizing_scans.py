@@ -54,11 +54,14 @@ def scenario_of(seed: int, sensor: str, pipe: dict[str, Any], end_mm: float, cha
     ]
     scenario = load_scenario("paper-gantry", settings, seed)
     whole = Pipe.model_validate({**scenario.pipe.model_dump(), "features": [], **pipe})
-    scenario = scenario.model_copy(update={"pipe": whole})
+    return with_slide(scenario.model_copy(update={"pipe": whole}), (*SENSORS[sensor], *changes))
+
+
+def with_slide(scenario: Scenario, changes: tuple[str, ...]) -> Scenario:
+    """A scenario with these settings whose rig knows its slide, if that is jagged."""
     if scenario.sensing.points.slide_jag_deg == 0:
         return scenario
-    corrected = slide_corrected((*SENSORS[sensor], *changes))
-    return scenario.model_copy(update={"rig": corrected, "true_rig": scenario.rig})
+    return scenario.model_copy(update={"rig": slide_corrected(changes), "true_rig": scenario.rig})
 
 
 @lru_cache(maxsize=8)
