@@ -13,7 +13,7 @@ GAP_MM = 2.0  # more unseen wall than this between wall and floor is a shadow
 LOST_MM = 7.0  # over so much unseen wall nothing is drawn
 PLACE_OPEN_MM = 0.08  # of a side, however small the cells: the sensor's roll and place, which many lines share
 UNSEEN_OPEN = 0.1  # of the unseen cells between wall and floor: what is open of an edge's place among them
-NOISE_OPEN_MM, MOST_NOISE_OPEN = 0.06, 0.1  # over the step of a side: what the map's noise leaves open of it, in cells
+NOISE_OPEN_MM, LEAST_STEP_MM = 0.06, 0.6  # over the step of a side: what the map's noise leaves open of it, in cells
 CELL_SHARE = 0.14  # of a cell: the least by which lines scatter
 NEAR_SIGMAS = 2.0  # lines within so many standard deviations of the outermost edge belong to it
 STRAIGHT_SHARE, STRAIGHT_LINES = 0.5, 6  # where more than this share of so many lines does, the side is straight
@@ -132,7 +132,7 @@ def _crossing(deviation: np.ndarray, outside: int, deep: int, level: float, lost
     low, step = deviation[outside], deviation[deep] - deviation[outside]
     share = np.clip((level - low) / step, 0.0, 1.0) if step > 0 else 0.5
     apart = abs(deep - outside)
-    noise = apart * (min(NOISE_OPEN_MM / step, MOST_NOISE_OPEN) if step > 0 else MOST_NOISE_OPEN)
+    noise = apart * (NOISE_OPEN_MM / max(LEAST_STEP_MM, step))
     return outside + share * (deep - outside), float(np.hypot(UNSEEN_OPEN * (apart - 1), noise))
 
 
