@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-import time
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
 
 from sensor_model.plain_yaml import plain_data
+
+ROOT = Path(__file__).resolve().parents[2]
+TIMED = """
+import time
+from sensor_model.plain_yaml import plain_data
+text = "jag_deg: [" + "-0.12345, " * 100_000 + "0]"
+began = time.process_time()
+assert len(plain_data(text)["jag_deg"]) == 100_001
+print(time.process_time() - began)
+"""
 
 
 @pytest.mark.parametrize(
@@ -49,12 +61,7 @@ def test_what_it_does_not_take_is_named_with_its_line(text, said):
         plain_data(text)
 
 
-def test_ten_times_the_text_takes_no_more_than_some_ten_times_as_long():
-    def seconds(numbers):
-        text = "jag_deg: [" + "-0.12345, " * numbers + "0]"
-        began = time.process_time()
-        assert len(plain_data(text)["jag_deg"]) == numbers + 1
-        return time.process_time() - began
-
-    seconds(100)  # what is loaded with the first
-    assert seconds(100_000) < 3 * 10 * max(seconds(10_000) for _ in range(3))
+def test_a_megabyte_is_read_within_two_seconds():
+    # by itself, as a user has it: here every call's types are checked, which takes three times as long
+    done = subprocess.run([sys.executable, "-c", TIMED], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 2
